@@ -1,0 +1,8 @@
+"""Lets ``python -m lanewise`` stand for ``lanewise``."""
+
+import sys
+
+from lanewise.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,106 @@
+"""The command line: finds the command, and turns every refusal into one or two lines.
+
+Imports no JAX, so that ``--help`` and a refused setting answer at once.
+"""
+
+import os
+import shlex
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from lanewise import __version__
+from lanewise.commands import evaluate, reproduce, train, watch
+from lanewise.commands.arguments import Parsed, parse
+from lanewise.config import look_up
+from lanewise.errors import LanewiseError, SettingsError
+
+COMMANDS: dict[str, type] = {
+    "train": train.Train,
+    "evaluate": evaluate.Evaluate,
+    "watch": watch.Watch,
+    "reproduce": reproduce.Reproduce,
+}
+
+RUNNERS: dict[str, Callable[[Parsed[Any]], int]] = {
+    "train": train.run,
+    "evaluate": evaluate.run,
+    "watch": watch.run,
+    "reproduce": reproduce.run,
+}
+
+DESCRIPTION = (
+    "Teaches a car to get out of slow traffic. "
+    "`lanewise COMMAND --help` lists a command's options; `lanewise --version` tells the version."
+)
+
+REFUSED = 2
+INTERRUPTED = 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs ``lanewise`` and returns its exit code: 0 done, 2 refused, 130 interrupted."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        code = _dispatch(words)
+        # Written here, where a closed pipe or a full disk can still be caught.
+        sys.stdout.flush()
+        return code
+    except LanewiseError as error:
+        return _refuse(str(error))
+    except KeyboardInterrupt:
+        sys.stderr.write(f"\nlanewise: interrupted{_how_to_resume(words)}\n")
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader has gone (`lanewise … | head`): end without a word.
+        _abandon_output()
+        return 0
+    except OSError as error:
+        _abandon_output()
+        place = f": {error.filename}" if error.filename else ""
+        return _refuse(f"{error.strerror or error}{place}")
+
+
+def _dispatch(words: list[str]) -> int:
+    if not words or words[0] in ("-h", "--help"):
+        from lanewise.commands import helptext
+
+        helptext.show_all(COMMANDS, DESCRIPTION)
+        return 0
+    name, rest = words[0], words[1:]
+    if name == "--version":
+        sys.stdout.write(f"lanewise {__version__}\n")
+        return 0
+    if name.startswith("-"):
+        raise SettingsError(f'expected a command before "{name[:80]}": ' + ", ".join(COMMANDS))
+    command = look_up("command", name, COMMANDS)
+    if "-h" in rest or "--help" in rest:
+        from lanewise.commands import helptext
+
+        helptext.show_one(name, command)
+        return 0
+    return RUNNERS[name](parse(command, rest))
+
+
+def _refuse(message: str) -> int:
+    sys.stderr.write(f"lanewise: error: {message}\n")
+    return REFUSED
+
+
+def _abandon_output() -> None:
+    """Keeps Python from failing a second time when it flushes standard output at exit."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _how_to_resume(words: list[str]) -> str:
+    """The command that continues an interrupted training."""
+    if words[:1] != ["train"]:
+        return ""
+    command: train.Train = parse(train.Train, words[1:]).command
+    again = ["lanewise", "train", command.controller, "--out", str(command.out)]
+    if command.high_level is not None:
+        again += ["--high-level", str(command.high_level)]
+    return f"; continue with:\n  {shlex.join([*again, '--resume'])}"

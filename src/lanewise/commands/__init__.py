@@ -1,0 +1,1 @@
+"""The commands of ``lanewise``, one file each; heavy imports happen after validation."""

@@ -1,0 +1,135 @@
+"""Writes ``--help`` with tyro, from the same dataclasses that hold the settings.
+
+A field's help is the docstring below it, followed by its range.
+"""
+
+import ast
+import dataclasses
+import inspect
+import textwrap
+from collections.abc import Mapping
+from functools import cache
+from itertools import pairwise
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import tyro
+from tyro.constructors import (
+    ConstructorRegistry,
+    StructConstructorSpec,
+    StructFieldSpec,
+    StructTypeInfo,
+)
+
+from lanewise.commands.arguments import without_none
+from lanewise.ranges import Between, OneOf
+
+_MARKERS = (tyro.conf.FlagConversionOff,)
+
+
+def show_all(commands: Mapping[str, type], description: str) -> None:
+    """Prints the help of ``lanewise`` itself."""
+    choices = tuple(
+        Annotated[command, tyro.conf.subcommand(name)] for name, command in commands.items()
+    )
+    _show(Union[choices], "lanewise", description)  # noqa: UP007  (the members are known at run time only)
+
+
+def show_one(name: str, command: type) -> None:
+    """Prints the help of one command, with every setting it takes."""
+    _show(command, f"lanewise {name}", inspect.getdoc(command))
+
+
+def _show(target: Any, program: str, description: str | None) -> None:
+    try:
+        tyro.cli(
+            target,
+            prog=program,
+            description=description,
+            args=["--help"],
+            config=_MARKERS,
+            registry=_registry(),
+        )
+    except SystemExit:
+        # tyro ends the process after printing; the caller decides about that.
+        return
+
+
+@cache
+def _registry() -> ConstructorRegistry:
+    registry = ConstructorRegistry()
+    registry.struct_rule(_describe)
+    return registry
+
+
+def _describe(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """Describes one of our dataclasses to tyro, with ranges in the help texts."""
+    # tyro has dataclasses of its own, which it must describe itself.
+    if not dataclasses.is_dataclass(info.type) or not info.type.__module__.startswith("lanewise."):
+        return None
+    default = info.default if isinstance(info.default, info.type) else None
+    docs, hints = _docstrings(info.type), get_type_hints(info.type, include_extras=True)
+    fields = tuple(
+        StructFieldSpec(
+            name=item.name,
+            type=_annotate(hints[item.name], item.metadata),
+            default=_default(item) if default is None else getattr(default, item.name),
+            helptext=_help(docs.get(item.name, ""), hints[item.name]),
+        )
+        for item in dataclasses.fields(info.type)
+    )
+    return StructConstructorSpec(instantiate=info.type, fields=fields)
+
+
+def _default(item: "dataclasses.Field[Any]") -> Any:
+    if item.default is not dataclasses.MISSING:
+        return item.default
+    if item.default_factory is not dataclasses.MISSING:
+        return item.default_factory()
+    return tyro.MISSING
+
+
+def _annotate(annotation: Any, metadata: Mapping[str, Any]) -> Any:
+    """Adds to a type what tyro should know: its choices, a short flag, being positional."""
+    plain = without_none(annotation)
+    if plain is not annotation:
+        # tyro would offer a word None, which we do not read: such an option is just left out.
+        bound = _bound(plain)
+        metavar = "{" + ",".join(bound.names) + "}" if isinstance(bound, OneOf) else "PATH"
+        return Annotated[annotation, tyro.conf.arg(metavar=metavar)]
+    bound = _bound(annotation)
+    if isinstance(bound, OneOf):
+        annotation = Literal[bound.names]
+    if dataclasses.is_dataclass(annotation) and metadata.get("inline"):
+        return Annotated[annotation, tyro.conf.arg(name="")]
+    if metadata.get("positional"):
+        return tyro.conf.Positional[annotation]  # type: ignore[misc]
+    if annotation is bool and metadata.get("switch"):
+        return Annotated[annotation, tyro.conf.arg(metavar="")]
+    if "short" in metadata:
+        return Annotated[annotation, tyro.conf.arg(aliases=(metadata["short"],))]
+    return annotation
+
+
+def _bound(annotation: Any) -> Between | OneOf | None:
+    metadata = get_args(annotation)[1:] if get_origin(annotation) is Annotated else ()
+    return next((item for item in metadata if isinstance(item, Between | OneOf)), None)
+
+
+def _help(doc: str, annotation: Any) -> str:
+    bound = _bound(annotation)
+    text = " ".join(doc.split())
+    return f"{text} [{bound}]" if isinstance(bound, Between) else text
+
+
+@cache
+def _docstrings(owner: type) -> dict[str, str]:
+    """The docstring below each field of a dataclass."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(owner)))
+    body = tree.body[0].body if isinstance(tree.body[0], ast.ClassDef) else []
+    docs: dict[str, str] = {}
+    for field, doc in pairwise(body):
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
+            match doc:
+                case ast.Expr(value=ast.Constant(value=str(text))):
+                    docs[field.target.id] = text
+    return docs

@@ -1,0 +1,78 @@
+"""``lanewise train``: trains a controller into a run folder, or continues one."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from lanewise.commands.arguments import Parsed
+from lanewise.config import PRESETS, TRAPS, Settings
+from lanewise.errors import RunError
+from lanewise.progress import Progress
+from lanewise.ranges import Between, OneOf
+from lanewise.runs.folder import CONTROLLERS, RunFolder
+
+SEEDS = Between(0, 2**31 - 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train:
+    """Train a controller into a run folder, or continue a run that was stopped.
+
+    Settings come from the defaults, the preset, the trap, the settings file and the command
+    line; the later wins.
+    """
+
+    controller: Annotated[str, OneOf(CONTROLLERS)] = field(metadata={"positional": True})
+    """Which controller to train."""
+    out: Path
+    """Run folder: new or empty, or a stopped run together with --resume."""
+    seed: Annotated[int, SEEDS] = 0
+    """Seed of everything random."""
+    resume: bool = field(default=False, metadata={"switch": True})
+    """Continue the run in the folder, with its own settings, to the same bits as if it had never
+    stopped."""
+    high_level: Path | None = None
+    """A finished run whose high level is taken over, so that only step 2 is trained."""
+    preset: Annotated[str, OneOf(tuple(PRESETS))] = "quick"
+    """Training preset."""
+    trap: Annotated[str, OneOf(tuple(TRAPS))] = "trap-10"
+    """Scenario preset."""
+    settings: Path | None = None
+    """TOML file with any of the settings below, e.g. trap_speed = 9.5 under [scenario]."""
+    values: Settings = field(default_factory=Settings, metadata={"inline": True})
+    """Every setting."""
+
+
+def run(parsed: Parsed[Train]) -> int:
+    """Trains; returns the exit code."""
+    command = parsed.command
+    if command.high_level is not None:
+        if command.controller != "hierarchical":
+            raise RunError("--high-level: only the hierarchical controller has a high level")
+        if RunFolder.open(command.high_level).controller != "hierarchical":
+            raise RunError(f"{command.high_level} is not a run of a hierarchical controller")
+    with _folder(parsed) as folder:
+        from lanewise.training.run import train
+
+        with Progress() as progress:
+            train(
+                folder.settings,
+                folder.controller,
+                folder.seed,
+                folder,
+                command.high_level,
+                progress,
+            )
+    return 0
+
+
+def _folder(parsed: Parsed[Train]) -> RunFolder:
+    command = parsed.command
+    if not command.resume:
+        return RunFolder.create(command.out, command.values, command.controller, command.seed)
+    return RunFolder.resume(
+        command.out,
+        command.values if parsed.settings_given else None,
+        command.controller,
+        command.seed if "seed" in parsed.given else None,
+    )

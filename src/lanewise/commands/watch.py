@@ -1,0 +1,42 @@
+"""``lanewise watch``: draws an episode from above into a GIF or MP4."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from lanewise.commands.arguments import Parsed
+from lanewise.commands.evaluate import WORLDS
+from lanewise.commands.train import SEEDS
+from lanewise.errors import SettingsError
+from lanewise.ranges import Between, OneOf
+from lanewise.runs.folder import RunFolder
+
+FORMATS = (".gif", ".mp4")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watch:
+    """Draw one test episode from above, with goal, speed and reward."""
+
+    run: Path = field(metadata={"positional": True})
+    """Run folder of a trained controller."""
+    out: Path = field(metadata={"short": "-o"})
+    """Clip to write, ending in .gif or .mp4."""
+    seed: Annotated[int, SEEDS] = 0
+    """Seed of the starts."""
+    episode: Annotated[int, Between(0, 10_000_000)] = 0
+    """Which episode of the seed, counted from 0."""
+    world: Annotated[str, OneOf(WORLDS)] = "lanewise"
+    """World to drive in."""
+
+
+def run(parsed: Parsed[Watch]) -> int:
+    """Draws; returns the exit code."""
+    command = parsed.command
+    if command.out.suffix.lower() not in FORMATS:
+        raise SettingsError(f"--out must end in .gif or .mp4, got {command.out}")
+    folder = RunFolder.open(command.run)
+    from lanewise.report.clip import watch
+
+    watch(folder, command.out, seed=command.seed, episode=command.episode, world=command.world)
+    return 0

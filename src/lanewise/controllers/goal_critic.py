@@ -1,0 +1,112 @@
+"""The goal critic: has the goal been reached, and may the high level set a new one?"""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from lanewise.controllers import goals
+from lanewise.controllers.goals import Goal
+from lanewise.controllers.settings import GoalSettings
+from lanewise.driving.percept import Percept
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class GoalMemory:
+    """A goal under way."""
+
+    goal: Goal
+    """The goal."""
+    age: Array
+    """int32 [] decisions since it was set."""
+    due: Array
+    """bool [] the high level is to set a new goal now."""
+    ended: Array
+    """int32 [] goals of this episode that were reached or given up."""
+    timed_out: Array
+    """int32 [] of those, how many were given up."""
+
+
+def start(settings: GoalSettings, percept: Percept) -> GoalMemory:
+    """The memory at an episode's start: no goal yet, the first one relative to the moment."""
+    zero = jnp.int32(0)
+    return GoalMemory(
+        goal=goals.of_moment(settings, percept),
+        age=zero,
+        due=jnp.bool_(True),
+        ended=zero,
+        timed_out=zero,
+    )
+
+
+def reached(settings: GoalSettings, goal: Goal, percept: Percept) -> Array:
+    """Whether |delta_d| < D_delta and |delta_v| < V_delta; bool []."""
+    lateral, speed = goals.errors(goal, percept)
+    return (jnp.abs(lateral) < settings.lateral_tolerance) & (
+        jnp.abs(speed) < settings.speed_tolerance
+    )
+
+
+def review(
+    settings: GoalSettings,
+    decision_frequency: int,
+    renewal: str,
+    memory: GoalMemory,
+    percept: Percept,
+) -> GoalMemory:
+    """Look at the goal after a decision: it ends when reached, or at the time limit.
+
+    Args:
+        settings: tolerances and the time limit.
+        decision_frequency: decisions a second.
+        renewal: ``critic`` (a new goal only when this one has ended), ``timestep`` (also every
+            second) or ``decision`` (always).
+        memory: the goal under way; one that is due already stays due.
+        percept: after the decision.
+
+    Returns:
+        The memory with ``due`` and the counts brought up to date.
+    """
+    under_way = ~memory.due
+    done = under_way & reached(settings, memory.goal, percept)
+    limit = round(settings.time_limit * decision_frequency)
+    given_up = under_way & ~done & (memory.age >= limit)
+    lifetime = {"critic": limit, "timestep": decision_frequency, "decision": 1}[renewal]
+    due = memory.due | done | (memory.age >= lifetime)
+    return GoalMemory(
+        goal=memory.goal,
+        age=memory.age,
+        due=due,
+        ended=memory.ended + (done | given_up),
+        timed_out=memory.timed_out + given_up,
+    )
+
+
+def renew(
+    settings: GoalSettings, memory: GoalMemory, percept: Percept, action: Array
+) -> GoalMemory:
+    """Set a new goal by a high-level action where one is due; otherwise keep the goal."""
+    reference = memory.goal
+    if settings.reference == "current-state":
+        reference = goals.of_moment(settings, percept)
+    new = goals.moved(settings, reference, percept, action)
+    return GoalMemory(
+        goal=jax.tree.map(lambda n, o: jnp.where(memory.due, n, o), new, memory.goal),
+        age=jnp.where(memory.due, 0, memory.age),
+        due=jnp.bool_(False),
+        ended=memory.ended,
+        timed_out=memory.timed_out,
+    )
+
+
+def grown(memory: GoalMemory) -> GoalMemory:
+    """The memory one decision later."""
+    return GoalMemory(
+        goal=memory.goal,
+        age=memory.age + 1,
+        due=memory.due,
+        ended=memory.ended,
+        timed_out=memory.timed_out,
+    )

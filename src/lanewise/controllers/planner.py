@@ -1,0 +1,100 @@
+"""The rule-based planner: it previews short action sequences and takes the best first action.
+
+The nine actions turn the wheel by a fixed angle for a whole decision, so the heading moves in
+quanta of v sin(beta) / (L / 2) times the decision's length, and only pairs of opposite turns *at
+the same speed* bring it back to zero exactly. Hence the rule: speed changes while driving
+straight, turns at constant speed. Within it every steering sequence of the preview is compared.
+"""
+
+import itertools
+from math import atan, sin, tan
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from lanewise.controllers.goals import Goal
+from lanewise.controllers.settings import PlannerSettings
+from lanewise.driving import actions
+from lanewise.driving.percept import Percept
+from lanewise.driving.settings import DrivingSettings
+
+HALF_LENGTH = 2.5
+"""Half the ego's length, the lever arm of the bicycle model, m."""
+STRAIGHT = 0.004
+"""Headings below this count as driving straight, rad: less than any turn's quantum above 1 m/s."""
+HEADING_LIMIT = 0.2
+"""The preview pays for headings above this, rad."""
+LOOK_AHEAD = 1.0
+"""The final offset is judged where the car will be this much later, s."""
+
+
+def act(
+    settings: PlannerSettings, driving: DrivingSettings, goal: Goal, percept: Percept
+) -> Array:
+    """The low-level action that heads for ``goal``; int32 [].
+
+    Minimises, over the steering sequences of the preview and three beginnings (by the speed rule,
+    or one decision slower or faster first, which shifts the lateral quantum where it would
+    straddle the lane's centre), the sum of the offset, heading and speed costs.
+    """
+    turns, beginnings = _candidates(settings.preview)
+    offset = percept.y - percept.road.centre[goal.lane]
+    offset, heading, speed = (
+        jnp.broadcast_to(value, (len(turns),)) for value in (offset, percept.heading, percept.speed)
+    )
+    cost = jnp.zeros_like(speed)
+    for step in range(settings.preview):
+        turn = jnp.asarray(turns[:, step], speed.dtype)
+        straight = (turn == 0) & (jnp.abs(heading) < STRAIGHT)
+        pull = speed_rule(driving, goal.speed, speed)
+        trimmed = jnp.asarray(beginnings != 0) & (step == 0)
+        pull = jnp.where(trimmed, jnp.asarray(beginnings, speed.dtype), pull)
+        # A trimmed speed is held: returning to the target at once would undo it.
+        held = jnp.asarray(beginnings != 0) & (step > 0)
+        pull = jnp.where(straight & ~held, pull, 0.0)
+        if step == 0:
+            first = (turn, pull)
+        offset, heading, speed = _preview(driving, offset, heading, speed, turn, pull)
+        cost += (
+            0.3 * offset**2
+            + (100.0 * jnp.maximum(jnp.abs(heading) - HEADING_LIMIT, 0.0)) ** 2
+            + 0.01 * jnp.abs(turn)
+            + 0.1 * jnp.abs(speed - goal.speed)
+        )
+    cost += 10.0 * (offset + LOOK_AHEAD * speed * jnp.sin(heading)) ** 2
+    cost += 0.3 * (30.0 * heading) ** 2
+    best = jnp.argmin(cost)
+    turn, pull = (value[best].astype(jnp.int32) for value in first)
+    return actions.index(pull, turn)
+
+
+def speed_rule(driving: DrivingSettings, target: Array, speed: Array) -> Array:
+    """Sign of the acceleration that brings ``speed`` nearest to ``target`` in one decision."""
+    quantum = driving.actions.acceleration / driving.decision_frequency
+    return jnp.clip(jnp.round((target - speed) / quantum), -1.0, 1.0)
+
+
+def _preview(
+    driving: DrivingSettings, offset: Array, heading: Array, speed: Array, turn: Array, pull: Array
+) -> tuple[Array, Array, Array]:
+    """One decision of the bicycle model in closed form; exact when turning at constant speed up
+    to the midpoint rule."""
+    ticks, tick = driving.ticks_per_decision, driving.tick_duration
+    slip = atan(tan(driving.actions.steering) / 2.0)
+    rate = speed * sin(slip) / HALF_LENGTH * turn
+    acceleration = pull * driving.actions.acceleration
+    distance = (speed + acceleration * tick * (ticks - 1) / 2.0) * tick * ticks
+    course = heading + slip * turn + rate * tick * (ticks - 1) / 2.0
+    return (
+        offset + distance * jnp.sin(course),
+        heading + rate * tick * ticks,
+        speed + acceleration * tick * ticks,
+    )
+
+
+def _candidates(preview: int) -> tuple[np.ndarray, np.ndarray]:
+    """(all steering sequences, once for each beginning [S, preview]; the beginnings [S])."""
+    turns = np.array(list(itertools.product((0, -1, 1), repeat=preview)), np.float64)
+    beginnings = np.repeat([0.0, -1.0, 1.0], len(turns))
+    return np.tile(turns, (3, 1)), beginnings

@@ -1,0 +1,84 @@
+"""One episode: a world, how far the ego has come, and the step from decision to decision."""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from lanewise.driving import accidents, actions, observation, reward
+from lanewise.driving.settings import DrivingSettings
+from lanewise.scenario import trap
+from lanewise.world import bicycle, tick
+from lanewise.world.state import World
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Episode:
+    """The state of an episode under way."""
+
+    world: World
+    """The road and everyone on it."""
+    decisions: Array
+    """int32 [] decisions taken so far."""
+    escaped: Array
+    """bool [] whether the ego's rear has passed the front of every trap car by now."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Outcome:
+    """What one decision led to; ``terminated`` and ``truncated`` stay apart."""
+
+    reward: Array
+    """[] external reward, eq. (6)."""
+    accident: Array
+    """int32 [] accident code, see `accidents`."""
+    terminated: Array
+    """bool [] an accident ended the episode."""
+    truncated: Array
+    """bool [] time ran out, without an accident."""
+
+
+def begin(world: World) -> Episode:
+    """The episode that starts in ``world``."""
+    return Episode(world=world, decisions=jnp.int32(0), escaped=jnp.bool_(False))
+
+
+def step(
+    settings: DrivingSettings, episode: Episode, action: Array, duration: int
+) -> tuple[Episode, Outcome]:
+    """One decision: act, let the world tick, then look at reward and endings.
+
+    Args:
+        settings: the decision process.
+        episode: before the decision.
+        action: int32 [] low-level action index.
+        duration: decisions after which the episode is truncated.
+
+    Returns:
+        The episode after the decision, and its outcome.
+    """
+    dtype = episode.world.vehicles.x.dtype
+    acceleration, steering = actions.commands(settings.actions, action, dtype)
+    world = bicycle.command(episode.world, acceleration, steering)
+    world = tick.run(world, settings.tick_duration, settings.ticks_per_decision)
+    decisions = episode.decisions + 1
+
+    accident = accidents.of_ego(world, settings.stopped_speed)
+    terminated = accident != accidents.NONE
+    outcome = Outcome(
+        reward=reward.total(
+            settings.reward,
+            world.vehicles.speed[0],
+            observation.lane_offset(world),
+            steering,
+            terminated,
+        ),
+        accident=accident,
+        terminated=terminated,
+        truncated=(decisions >= duration) & ~terminated,
+    )
+    escaped = episode.escaped | (trap.escaped(world) & ~terminated)
+    return Episode(world=world, decisions=decisions, escaped=escaped), outcome

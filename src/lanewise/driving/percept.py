@@ -1,0 +1,46 @@
+"""What a controller may look at when it decides."""
+
+from dataclasses import dataclass
+
+import jax
+from jax import Array
+
+from lanewise.driving import observation
+from lanewise.driving.settings import ObservationSettings
+from lanewise.world import road
+from lanewise.world.state import Road, World
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Percept:
+    """The 26 features, the ego in SI units, and the road."""
+
+    features: Array
+    """[26] scaled observation."""
+    x: Array
+    """[] m."""
+    y: Array
+    """[] m, positive to the right."""
+    heading: Array
+    """[] rad."""
+    speed: Array
+    """[] m/s."""
+    lane: Array
+    """int32 [] nearest lane."""
+    road: Road
+    """The lanes."""
+
+
+def of(settings: ObservationSettings, world: World) -> Percept:
+    """The percept of the ego in ``world``."""
+    vehicles = world.vehicles
+    return Percept(
+        features=observation.features(settings, world),
+        x=vehicles.x[0],
+        y=vehicles.y[0],
+        heading=vehicles.heading[0],
+        speed=vehicles.speed[0],
+        lane=road.closest_lane(world.road, vehicles.x[0], vehicles.y[0]),
+        road=world.road,
+    )

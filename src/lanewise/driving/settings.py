@@ -1,0 +1,86 @@
+"""Settings of the decision process: rates, actions, observation, reward, endings. No JAX."""
+
+from dataclasses import dataclass, field
+from math import pi
+from typing import Annotated
+
+from lanewise.ranges import Between, OneOf
+
+Weight = Between(0.0, 1000.0)
+
+
+@dataclass(frozen=True)
+class ActionSettings:
+    """The nine low-level actions: acceleration and steering, each one of minus, nothing, plus."""
+
+    acceleration: Annotated[float, Between(0.01, 10.0, "m/s^2")] = 1.0
+    """Size of the acceleration step."""
+    steering: Annotated[float, Between(0.001, 1.0, "rad")] = pi / 50
+    """Size of the steering step."""
+
+
+@dataclass(frozen=True)
+class ObservationSettings:
+    """How the 26 features are scaled.
+
+    ``highway-env`` is its own: x by 200 m, y by the width of the road, speeds by 80 m/s, clipped
+    to [-1, 1]. ``fine`` divides by the ranges below and clips to [-2, 2].
+    """
+
+    scaling: Annotated[str, OneOf(("fine", "highway-env"))] = "fine"
+    """Name of the scaling."""
+    x_range: Annotated[float, Between(1.0, 1000.0, "m")] = 60.0
+    """Longitudinal distance that reads as 1 in the fine scaling."""
+    speed_range: Annotated[float, Between(1.0, 100.0, "m/s")] = 15.0
+    """The ego's speed that reads as 1 in the fine scaling."""
+    relative_speed_range: Annotated[float, Between(0.5, 100.0, "m/s")] = 5.0
+    """Relative speed that reads as 1 in the fine scaling."""
+    perception_distance: Annotated[float, Between(1.0, 1000.0, "m")] = 200.0
+    """Vehicles farther than this are not seen."""
+
+
+@dataclass(frozen=True)
+class RewardSettings:
+    """Weights of the reward (eq. 3-6 of the paper) and the penalty that replaces it."""
+
+    speed_weight: Annotated[float, Weight] = 1.5
+    """w_v."""
+    steering_weight: Annotated[float, Weight] = 0.05
+    """w_theta."""
+    centring_weight: Annotated[float, Weight] = 0.05
+    """w_y."""
+    accident_penalty: Annotated[float, Between(0.0, 1e6)] = 10.0
+    """Subtracted instead of any reward when an accident happens."""
+
+
+@dataclass(frozen=True)
+class DrivingSettings:
+    """The decision process around the ego."""
+
+    simulation_frequency: Annotated[int, Between(1, 100, "Hz")] = 10
+    """Ticks a second."""
+    decision_frequency: Annotated[int, Between(1, 50, "Hz")] = 2
+    """Low-level decisions a second; a decision lasts floor(simulation/decision) ticks."""
+    stopped_speed: Annotated[float, Between(0.0, 10.0, "m/s")] = 0.1
+    """Slower than this counts as having come to a stop, an accident."""
+    actions: ActionSettings = field(default_factory=ActionSettings)
+    """Low-level actions."""
+    observation: ObservationSettings = field(default_factory=ObservationSettings)
+    """Observation."""
+    reward: RewardSettings = field(default_factory=RewardSettings)
+    """Reward."""
+
+    @property
+    def ticks_per_decision(self) -> int:
+        """Ticks in a decision, as highway-env counts them."""
+        return self.simulation_frequency // self.decision_frequency
+
+    @property
+    def tick_duration(self) -> float:
+        """Length of a tick, s."""
+        return 1.0 / self.simulation_frequency
+
+    @property
+    def decisions_per_timestep(self) -> int:
+        """Decisions in the paper's timestep of one second."""
+        return self.decision_frequency

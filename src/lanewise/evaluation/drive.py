@@ -1,0 +1,226 @@
+"""Greedy test episodes in our world, in compiled blocks of one fixed size.
+
+Episode i of a seed is the same however many are driven with it: blocks are padded, never cut.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from lanewise.controllers import controller as controllers
+from lanewise.controllers.controller import Controller, Parameters
+from lanewise.controllers.goal_critic import GoalMemory
+from lanewise.driving import episode, percept
+from lanewise.driving.episode import Episode, Outcome
+from lanewise.driving.settings import DrivingSettings
+from lanewise.evaluation.episodes import Episodes, Recording
+from lanewise.scenario import trap
+from lanewise.scenario.settings import TrapSettings
+from lanewise.world.state import World
+
+BLOCK = 100
+"""Episodes driven at once."""
+
+
+@dataclass(frozen=True)
+class TestCourse:
+    """What stays the same through a test. Static."""
+
+    scenario: TrapSettings
+    driving: DrivingSettings
+    controller: Controller
+    duration: int
+    """Decisions."""
+    split: str = "test"
+    """Which starts: ``test``, or ``validation``, or ``training``."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Sums:
+    """What is gathered along an episode; frozen once it is over."""
+
+    over: Array
+    """bool []."""
+    accident: Array
+    """int32 []."""
+    reward: Array
+    """[] one reward a second, an accident's penalty once."""
+    speed: Array
+    """[] sum of the speed after each decision, m/s."""
+    distance: Array
+    """[] m."""
+    decisions: Array
+    """int32 []."""
+    escape: Array
+    """int32 [] decisions until the escape; 0 before it."""
+    goals: Array
+    """int32 [] goals that ended."""
+    timed_out: Array
+    """int32 [] goals given up."""
+
+
+def start(course: TestCourse, seed: int, index: int) -> World:
+    """The world at the start of episode ``index``."""
+    return trap.sample(
+        course.scenario, trap.start_key(seed, course.split, index), course.split
+    )
+
+
+def test(course: TestCourse, parameters: Parameters, seed: int, count: int) -> Episodes:
+    """Drive episodes 0 to ``count - 1`` of ``seed`` greedily.
+
+    Args:
+        course: scenario, rules, controller, duration and split.
+        parameters: of all the controller's levels.
+        seed: of the starts.
+        count: number of episodes.
+
+    Returns:
+        Their outcomes, in order.
+    """
+    blocks = [
+        jax.device_get(_drive_block(course, parameters, seed, first))
+        for first in range(0, count, BLOCK)
+    ]
+    sums = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *blocks)
+    return as_episodes(course.driving, sums)
+
+
+def as_episodes(driving: DrivingSettings, sums: Sums) -> Episodes:
+    """Outcomes from gathered sums with a leading axis over the episodes."""
+    decisions = np.asarray(sums.decisions, np.float64)
+    escape = np.asarray(sums.escape, np.float64)
+    accident = np.asarray(sums.accident, np.int8)
+    return Episodes(
+        success=(escape > 0) & (accident == 0),
+        accident=accident,
+        accumulated_reward=np.asarray(sums.reward, np.float64),
+        average_speed=np.asarray(sums.speed, np.float64) / decisions,
+        travel_distance=np.asarray(sums.distance, np.float64),
+        duration=decisions / driving.decision_frequency,
+        escape_time=np.where(escape > 0, escape / driving.decision_frequency, np.nan),
+        goals=np.asarray(sums.goals, np.int64),
+        goals_timed_out=np.asarray(sums.timed_out, np.int64),
+    )
+
+
+def nothing_yet() -> Sums:
+    """Sums at an episode's start."""
+    zero, none = jnp.float32(0.0), jnp.int32(0)
+    return Sums(jnp.bool_(False), none, zero, zero, zero, none, none, none, none)
+
+
+def gather(
+    driving: DrivingSettings, sums: Sums, state: Episode, outcome: Outcome, memory: Any
+) -> Sums:
+    """Sums after one more decision; unchanged if the episode was over before it."""
+    second = (state.decisions % driving.decisions_per_timestep == 0) | outcome.terminated
+    first_escape = state.escaped & (sums.escape == 0)
+    with_goals = isinstance(memory, GoalMemory)
+    after = Sums(
+        over=outcome.terminated | outcome.truncated,
+        accident=outcome.accident,
+        reward=sums.reward + jnp.where(second, outcome.reward, 0.0),
+        speed=sums.speed + state.world.vehicles.speed[0],
+        distance=state.world.vehicles.x[0],
+        decisions=state.decisions,
+        escape=jnp.where(first_escape, state.decisions, sums.escape),
+        goals=memory.ended if with_goals else sums.goals,
+        timed_out=memory.timed_out if with_goals else sums.timed_out,
+    )
+    return jax.tree.map(lambda old, new: jnp.where(sums.over, old, new), sums, after)
+
+
+@partial(jax.jit, static_argnums=0)
+def _drive_block(course: TestCourse, parameters: Parameters, seed: int, first: int) -> Sums:
+    """Episodes ``first`` to ``first + BLOCK - 1``."""
+    return jax.vmap(lambda index: _drive_one(course, parameters, start(course, seed, index)))(
+        first + jnp.arange(BLOCK)
+    )
+
+
+def _drive_one(course: TestCourse, parameters: Parameters, world: World) -> Sums:
+    """One whole episode."""
+
+    def decide(_: Array, carry: tuple[Episode, Any, Sums]) -> tuple[Episode, Any, Sums]:
+        state, memory, sums = carry
+        state, memory, outcome, _ = decision(course, parameters, state, memory)
+        return state, memory, gather(course.driving, sums, state, outcome, memory)
+
+    state = episode.begin(world)
+    seen = percept.of(course.driving.observation, world)
+    memory = course.controller.start(parameters, seen)
+    carry = (state, memory, nothing_yet())
+    return jax.lax.fori_loop(0, course.duration, decide, carry)[2]
+
+
+def decision(
+    course: TestCourse, parameters: Parameters, state: Episode, memory: Any
+) -> tuple[Episode, Any, Outcome, controllers.Trace]:
+    """One greedy decision."""
+    seen = percept.of(course.driving.observation, state.world)
+    action, memory, trace = controllers.act(course.controller, parameters, memory, seen)
+    state, outcome = episode.step(course.driving, state, action, course.duration)
+    return state, memory, outcome, trace
+
+
+@partial(jax.jit, static_argnums=0)
+def _record(course: TestCourse, parameters: Parameters, world: World) -> Any:
+    """An episode's worlds, memories, sums and rewards after each decision."""
+
+    def decide(carry: tuple[Episode, Any, Sums], _: None) -> tuple[Any, Any]:
+        state, memory, sums = carry
+        state, memory, outcome, _trace = decision(course, parameters, state, memory)
+        sums = gather(course.driving, sums, state, outcome, memory)
+        return (state, memory, sums), (state.world.vehicles, memory, sums, outcome.reward)
+
+    seen = percept.of(course.driving.observation, world)
+    memory = course.controller.start(parameters, seen)
+    carry = (episode.begin(world), memory, nothing_yet())
+    return jax.lax.scan(decide, carry, length=course.duration)[1]
+
+
+def record(course: TestCourse, parameters: Parameters, seed: int, index: int) -> Recording:
+    """Drive episode ``index`` of ``seed`` and keep every frame."""
+    world = start(course, seed, index)
+    vehicles, memory, sums, reward = jax.device_get(_record(course, parameters, world))
+    frames = int(sums.decisions[-1])
+    world = jax.device_get(world)
+
+    def track(name: str) -> Any:
+        first = getattr(world.vehicles, name)[None]
+        return np.concatenate([first, getattr(vehicles, name)[:frames]])
+
+    def padded(values: Any, first: Any) -> Any:
+        return np.concatenate([[first], np.asarray(values)[:frames]])
+
+    with_goals = isinstance(memory, GoalMemory)
+    lane = memory.goal.lane if with_goals else np.full(frames, -1)
+    speed = memory.goal.speed if with_goals else np.full(frames, np.nan)
+    return Recording(
+        controller=course.controller.name,
+        time=np.arange(frames + 1) / course.driving.decision_frequency,
+        x=track("x").astype(np.float64),
+        y=track("y").astype(np.float64),
+        heading=track("heading").astype(np.float64),
+        speed=track("speed").astype(np.float64),
+        crashed=track("crashed"),
+        present=np.asarray(world.vehicles.present),
+        role=np.asarray(trap.roles(course.scenario), np.int8),
+        length=np.asarray(world.drivers.length, np.float64),
+        width=np.asarray(world.drivers.width, np.float64),
+        lane_centre=np.asarray(world.road.centre, np.float64),
+        lane_width=np.asarray(world.road.width, np.float64),
+        goal_lane=padded(lane, lane[0]).astype(np.int64),
+        goal_speed=padded(speed, speed[0]).astype(np.float64),
+        reward=padded(reward, 0.0).astype(np.float64),
+        accumulated_reward=padded(sums.reward, 0.0).astype(np.float64),
+        escaped=padded(sums.escape > 0, False).astype(np.bool_),
+        accident=int(sums.accident[-1]),
+    )

@@ -1,0 +1,83 @@
+"""What a test leaves behind: one row an episode, and frame by frame for those that are watched."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+ACCIDENTS = ("none", "collision", "off_road", "stopped")
+"""Names of the accident codes, in order; the code is the index."""
+
+ROLES = ("ego", "trap", "traffic")
+"""Names of the vehicle roles, in order; the role is the index."""
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """Outcomes of E test episodes, in the order of their starts."""
+
+    success: NDArray[np.bool_]
+    """[E] the ego's rear passed the front of every trap car, and no accident happened."""
+    accident: NDArray[np.int8]
+    """[E] index into `ACCIDENTS`."""
+    accumulated_reward: NDArray[np.float64]
+    """[E] sum of the rewards at the end of each timestep (1 s); an accident adds its penalty."""
+    average_speed: NDArray[np.float64]
+    """[E] mean of the ego's speed at the end of each decision, m/s."""
+    travel_distance: NDArray[np.float64]
+    """[E] along the road, m."""
+    duration: NDArray[np.float64]
+    """[E] s; shorter than the test when an accident ended it."""
+    escape_time: NDArray[np.float64]
+    """[E] s until the ego was first past the trap; NaN if it never was."""
+    goals: NDArray[np.int64]
+    """[E] goals that ended (reached or given up); 0 for a controller without goals."""
+    goals_timed_out: NDArray[np.int64]
+    """[E] of those, how many were given up."""
+
+    def __len__(self) -> int:
+        return len(self.success)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One episode frame by frame: T decisions' ends, the first frame being the start."""
+
+    controller: str
+    """Name of the controller."""
+    time: NDArray[np.float64]
+    """[T] s."""
+    x: NDArray[np.float64]
+    """[T, N] m."""
+    y: NDArray[np.float64]
+    """[T, N] m, positive to the right."""
+    heading: NDArray[np.float64]
+    """[T, N] rad, positive to the right."""
+    speed: NDArray[np.float64]
+    """[T, N] m/s."""
+    crashed: NDArray[np.bool_]
+    """[T, N]."""
+    present: NDArray[np.bool_]
+    """[N]."""
+    role: NDArray[np.int8]
+    """[N] index into `ROLES`."""
+    length: NDArray[np.float64]
+    """[N] m."""
+    width: NDArray[np.float64]
+    """[N] m."""
+    lane_centre: NDArray[np.float64]
+    """[M] m."""
+    lane_width: NDArray[np.float64]
+    """[M] m."""
+    goal_lane: NDArray[np.int64]
+    """[T] lane the high level asked for at that moment; -1 for a controller without goals."""
+    goal_speed: NDArray[np.float64]
+    """[T] m/s; NaN for a controller without goals."""
+    reward: NDArray[np.float64]
+    """[T] reward of the decision that ended there; 0 in the first frame."""
+    accumulated_reward: NDArray[np.float64]
+    """[T] the paper's sum so far: one reward a second."""
+    escaped: NDArray[np.bool_]
+    """[T] has the ego been past the trap by then."""
+    accident: int
+    """Index into `ACCIDENTS`."""

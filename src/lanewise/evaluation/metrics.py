@@ -1,0 +1,271 @@
+"""The one definition of every test metric: name, unit, meaning, and what the paper published."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import isfinite, nan
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lanewise.errors import LanewiseError
+from lanewise.evaluation import statistics
+from lanewise.evaluation.episodes import ACCIDENTS, Episodes
+from lanewise.evaluation.statistics import Interval
+
+PUBLISHED_EPISODES = 300
+"""Test episodes behind each column of the paper's table."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """What one number of a test says."""
+
+    name: str
+    """Key in JSON and in tables."""
+    title: str
+    """Short name for people."""
+    unit: str
+    """Unit of the stored value; empty for plain numbers, and for rates, which are fractions."""
+    meaning: str
+    """Definition."""
+    compute: Callable[[Episodes], tuple[float, Interval]]
+    """Value and 95 % interval of a set of episodes; NaN where there is none."""
+    rate: bool = False
+    """Is it a share, stored as a fraction of 1 and shown in percent?"""
+    single_level: float | None = None
+    """Published for the single-level controller."""
+    hierarchical: float | None = None
+    """Published for the hierarchical controller."""
+
+
+def _share(happened: NDArray[np.bool_]) -> tuple[float, Interval]:
+    count = int(happened.sum())
+    return count / len(happened), statistics.clopper_pearson(count, len(happened))
+
+
+def _mean(values: NDArray[np.float64]) -> tuple[float, Interval]:
+    known = values[~np.isnan(values)]
+    value = float(known.mean()) if len(known) else nan
+    return value, statistics.mean_interval(known)
+
+
+def _reward_per_second(episodes: Episodes) -> tuple[float, Interval]:
+    total = float(episodes.duration.sum())
+    value = float(episodes.accumulated_reward.sum()) / total if total else nan
+    return value, statistics.ratio_interval(episodes.accumulated_reward, episodes.duration)
+
+
+def _goal_time_out_rate(episodes: Episodes) -> tuple[float, Interval]:
+    ended = int(episodes.goals.sum())
+    given_up = int(episodes.goals_timed_out.sum())
+    if given_up in (0, ended):
+        # All or none: no spread to be seen, so an interval would pretend to be certain.
+        return (given_up / ended if ended else nan), (nan, nan)
+    low, high = statistics.ratio_interval(episodes.goals_timed_out, episodes.goals)
+    return given_up / ended, (max(low, 0.0), min(high, 1.0))
+
+
+METRICS = (
+    Metric(
+        "success_rate",
+        "success",
+        "",
+        "share of episodes in which the ego's rear passed the front of every trap car and no "
+        "accident happened",
+        lambda episodes: _share(episodes.success),
+        rate=True,
+        single_level=0.0,
+        hierarchical=0.9767,
+    ),
+    Metric(
+        "accident_rate",
+        "accidents",
+        "",
+        "share of episodes with a collision, off the road, or come to a stop",
+        lambda episodes: _share(episodes.accident != 0),
+        rate=True,
+        single_level=0.0,
+        hierarchical=0.0233,
+    ),
+    Metric(
+        "accumulated_reward",
+        "reward",
+        "",
+        "mean over episodes of the sum of the rewards at the end of each second; an accident adds "
+        "its penalty once and ends the sum",
+        lambda episodes: _mean(episodes.accumulated_reward),
+        single_level=3.32,
+        hierarchical=13.20,
+    ),
+    Metric(
+        "average_speed",
+        "speed",
+        "m/s",
+        "mean over episodes of the ego's mean speed",
+        lambda episodes: _mean(episodes.average_speed),
+        single_level=10.29,
+        hierarchical=13.42,
+    ),
+    Metric(
+        "travel_distance",
+        "distance",
+        "m",
+        "mean over episodes of the distance travelled along the road",
+        lambda episodes: _mean(episodes.travel_distance),
+        single_level=257.29,
+        hierarchical=331.60,
+    ),
+    Metric(
+        "reward_per_second",
+        "reward/s",
+        "1/s",
+        "sum of all accumulated rewards over the sum of all durations",
+        _reward_per_second,
+    ),
+    Metric(
+        "escape_time",
+        "escape time",
+        "s",
+        "mean time until the ego was first past the trap, over the episodes in which it ever was",
+        lambda episodes: _mean(episodes.escape_time),
+    ),
+    Metric(
+        "goal_time_out_rate",
+        "time-outs",
+        "",
+        "share of the goals that ended by being given up",
+        _goal_time_out_rate,
+        rate=True,
+    ),
+)
+"""Every metric, in the order of the tables; the first five are the paper's."""
+
+PUBLISHED: dict[str, dict[str, float]] = {
+    "single-level": {m.name: m.single_level for m in METRICS if m.single_level is not None},
+    "hierarchical": {m.name: m.hierarchical for m in METRICS if m.hierarchical is not None},
+}
+"""The paper's table "Performance Comparison", by controller and metric."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The metrics of one controller in one world."""
+
+    controller: str
+    """Name of the controller."""
+    world: str
+    """Name of the world it drove in."""
+    episodes: int
+    """Number of test episodes."""
+    values: Mapping[str, float]
+    """By metric; NaN where there is nothing to average."""
+    accidents: Mapping[str, int]
+    """Episodes by cause: collision, off_road, stopped."""
+    intervals: Mapping[str, Interval]
+    """95 %, by metric; a metric without an interval is missing."""
+
+    def to_json(self) -> dict[str, Any]:
+        """One object for JSON: rates as fractions of 1, unknown values as null."""
+        return {
+            "controller": self.controller,
+            "world": self.world,
+            "episodes": self.episodes,
+            **{name: value if isfinite(value) else None for name, value in self.values.items()},
+            "accidents": dict(self.accidents),
+            "intervals": {name: [low, high] for name, (low, high) in self.intervals.items()},
+        }
+
+    @classmethod
+    def from_json(cls, stored: Mapping[str, Any]) -> "Summary":
+        """Read back what `to_json` made."""
+        values = {m.name: stored[m.name] for m in METRICS if m.name in stored}
+        return cls(
+            stored["controller"],
+            stored["world"],
+            int(stored["episodes"]),
+            {name: nan if value is None else float(value) for name, value in values.items()},
+            dict(stored["accidents"]),
+            {name: (low, high) for name, (low, high) in stored["intervals"].items()},
+        )
+
+
+def summarise(episodes: Episodes, *, controller: str, world: str) -> Summary:
+    """Every metric of a set of test episodes.
+
+    Raises:
+        LanewiseError: if there is no episode.
+    """
+    if not len(episodes):
+        raise LanewiseError("there is no test episode to summarise; ask for at least one")
+    computed = {metric.name: metric.compute(episodes) for metric in METRICS}
+    return Summary(
+        controller,
+        world,
+        len(episodes),
+        {name: value for name, (value, _) in computed.items()},
+        {
+            cause: int((episodes.accident == code).sum())
+            for code, cause in enumerate(ACCIDENTS)
+            if code
+        },
+        {name: interval for name, (_, interval) in computed.items() if isfinite(interval[0])},
+    )
+
+
+def published_interval(controller: str, name: str) -> Interval | None:
+    """Exact 95 % interval of a published rate, whose count out of 300 can be told; else None."""
+    metric = next(m for m in METRICS if m.name == name)
+    if not metric.rate or name not in PUBLISHED.get(controller, {}):
+        return None
+    count = round(PUBLISHED[controller][name] * PUBLISHED_EPISODES)
+    return statistics.clopper_pearson(count, PUBLISHED_EPISODES)
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Two worlds, or two controllers, on the same starts."""
+
+    episodes: int
+    """Number of pairs."""
+    differing: tuple[int, ...]
+    """Starts whose success or accident differs."""
+
+    @property
+    def share(self) -> float:
+        """Share of pairs with the same success and the same accident, a fraction of 1."""
+        return 1.0 - len(self.differing) / self.episodes
+
+    def to_json(self) -> dict[str, Any]:
+        """One object for JSON."""
+        return {
+            "episodes": self.episodes,
+            "identical": self.episodes - len(self.differing),
+            "share": self.share,
+            "differing": list(self.differing),
+        }
+
+
+def paired(a: Episodes, b: Episodes) -> Paired:
+    """Compare outcomes start by start; where one set is longer, its further starts are left out.
+
+    Raises:
+        LanewiseError: if there is no common start.
+    """
+    common = min(len(a), len(b))
+    if not common:
+        raise LanewiseError("there is no pair of test episodes to compare")
+    same = (a.success[:common] == b.success[:common]) & (a.accident[:common] == b.accident[:common])
+    return Paired(common, tuple(int(i) for i in np.flatnonzero(~same)))
+
+
+def to_csv(episodes: Episodes) -> str:
+    """One row an episode as comma-separated text, numbers in full; an unknown value is empty."""
+    names = [name for name in Episodes.__dataclass_fields__ if name not in ("success", "accident")]
+    lines = [",".join(["episode", "success", "accident", *names])]
+    for i in range(len(episodes)):
+        numbers = (getattr(episodes, name)[i].item() for name in names)
+        cells = ("" if number != number else repr(number) for number in numbers)
+        cause = ACCIDENTS[episodes.accident[i]]
+        lines.append(",".join([str(i), str(int(episodes.success[i])), cause, *cells]))
+    return "\n".join(lines) + "\n"

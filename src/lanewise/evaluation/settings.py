@@ -1,0 +1,18 @@
+"""Settings of tests. Imports no JAX."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from lanewise.ranges import Between
+
+
+@dataclass(frozen=True)
+class EvaluationSettings:
+    """How a controller is tested."""
+
+    duration: Annotated[int, Between(1, 100_000, "s")] = 25
+    """Length of a test episode in the paper's timesteps of one second."""
+    validation_episodes: Annotated[int, Between(1, 100_000)] = 200
+    """Greedy episodes on validation starts by which weights are chosen."""
+    validation_interval: Annotated[int, Between(1, 1_000_000)] = 2
+    """Chunks of training between validations."""

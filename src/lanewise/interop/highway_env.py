@@ -1,0 +1,319 @@
+"""Our world and highway-env's, one made from the other: the twin that judges our world.
+
+The only module that imports highway-env. It speaks of version 1.12.1 and of straight roads.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import fields
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from highway_env.envs import HighwayEnv
+from highway_env.road.lane import StraightLane
+from highway_env.road.road import Road as HighwayRoad
+from highway_env.road.road import RoadNetwork
+from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.kinematics import Vehicle
+
+from lanewise.errors import SettingsError
+from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, Road, Vehicles, World
+
+ORIGIN, DESTINATION = "0", "1"
+_IDM_METHODS = (
+    "act",
+    "step",
+    "acceleration",
+    "desired_gap",
+    "change_lane_policy",
+    "mobil",
+    "steering_control",
+    "follow_road",
+)
+_PARAMETERS: dict[str, Callable[[Any], float]] = {
+    "comfort_acceleration": lambda v: v.COMFORT_ACC_MAX,
+    "comfort_deceleration": lambda v: -v.COMFORT_ACC_MIN,
+    "jam_distance": lambda v: v.DISTANCE_WANTED,
+    "time_gap": lambda v: v.TIME_WANTED,
+    "exponent": lambda v: v.DELTA,
+    "politeness": lambda v: v.POLITENESS,
+    "minimum_gain": lambda v: v.LANE_CHANGE_MIN_ACC_GAIN,
+    "imposed_braking": lambda v: v.LANE_CHANGE_MAX_BRAKING_IMPOSED,
+    "change_delay": lambda v: v.LANE_CHANGE_DELAY,
+    "acceleration_limit": lambda v: v.ACC_MAX,
+    "steering_limit": lambda v: v.MAX_STEERING_ANGLE,
+}
+
+
+def _floats(values: Iterable[Any]) -> Any:
+    return np.array([float(value) for value in values], np.float64)
+
+
+def _flags(values: Iterable[Any]) -> Any:
+    return np.array([bool(value) for value in values], bool)
+
+
+def _lanes(env: Any) -> list[Any]:
+    roads = [lanes for ends in env.road.network.graph.values() for lanes in ends.values()]
+    if len(roads) != 1:
+        raise SettingsError(f"the road network has {len(roads)} roads; only one can be read")
+    for lane in roads[0]:
+        if type(lane) is not StraightLane or lane.start[1] != lane.end[1] or lane.heading != 0:
+            raise SettingsError("a lane is not straight along x; only such lanes can be read")
+    return list(roads[0])
+
+
+def _check_vehicle(vehicle: Any) -> None:
+    kind = type(vehicle)
+    if kind is Vehicle:
+        return
+    if not isinstance(vehicle, IDMVehicle):
+        raise SettingsError(f"a {kind.__name__} cannot be read; use Vehicle or IDMVehicle")
+    changed = [name for name in _IDM_METHODS if getattr(kind, name) is not getattr(IDMVehicle, name)]
+    if changed:
+        raise SettingsError(f"{kind.__name__} changes {', '.join(changed)} of IDMVehicle")
+    if vehicle.route:
+        raise SettingsError("a vehicle follows a route; routes cannot be read")
+
+
+def _read_road(lanes: list[Any]) -> Road:
+    limits = [np.inf if lane.speed_limit is None else lane.speed_limit for lane in lanes]
+    return Road(
+        present=_flags(True for _ in lanes),
+        centre=_floats(lane.start[1] for lane in lanes),
+        width=_floats(lane.width for lane in lanes),
+        start=_floats(lane.start[0] for lane in lanes),
+        end=_floats(lane.end[0] for lane in lanes),
+        speed_limit=_floats(limits),
+        open_to_change=_flags(not lane.forbidden for lane in lanes),
+    )
+
+
+def _read_drivers(vehicles: list[Any], controlled: list[Any]) -> Drivers:
+    kinds = []
+    for vehicle in vehicles:
+        if isinstance(vehicle, IDMVehicle):
+            kinds.append(RULE_BASED)
+        else:
+            kinds.append(EXTERNAL if any(vehicle is c for c in controlled) else CONSTANT)
+    rule_based = [v if isinstance(v, IDMVehicle) else IDMVehicle for v in vehicles]
+    parameters = {
+        name: _floats(read(v) for v in rule_based) for name, read in _PARAMETERS.items()
+    }
+    return Drivers(
+        kind=np.array(kinds, np.int32),  # type: ignore[arg-type]
+        target_speed=_floats(getattr(v, "target_speed", 0) for v in vehicles),
+        changes_lanes=_flags(getattr(v, "enable_lane_change", False) for v in vehicles),
+        checks_collisions=_flags(v.check_collisions for v in vehicles),
+        length=_floats(v.LENGTH for v in vehicles),
+        width=_floats(v.WIDTH for v in vehicles),
+        **parameters,
+    )
+
+
+def _read_vehicles(vehicles: list[Any]) -> Vehicles:
+    half_tangents = np.tan(_floats(v.action["steering"] for v in vehicles)) / 2
+    impacts = [np.zeros(2) if v.impact is None else v.impact for v in vehicles]
+    targets = [getattr(v, "target_lane_index", v.lane_index)[2] for v in vehicles]
+    return Vehicles(
+        present=_flags(True for _ in vehicles),
+        x=_floats(v.position[0] for v in vehicles),
+        y=_floats(v.position[1] for v in vehicles),
+        heading=_floats(v.heading for v in vehicles),
+        speed=_floats(v.speed for v in vehicles),
+        slip_sine=half_tangents / np.sqrt(1 + half_tangents**2),
+        acceleration=_floats(v.action["acceleration"] for v in vehicles),
+        target_lane=np.array(targets, np.int32),  # type: ignore[arg-type]
+        timer=_floats(getattr(v, "timer", 0.0) for v in vehicles),
+        crashed=_flags(v.crashed for v in vehicles),
+        impacted=_flags(v.impact is not None for v in vehicles),
+        impact_x=_floats(impact[0] for impact in impacts),
+        impact_y=_floats(impact[1] for impact in impacts),
+    )
+
+
+def read_world(env: Any) -> World:
+    """Read the state of a live highway-env environment.
+
+    Args:
+        env: an environment with one straight road along x, whose vehicles are plain `Vehicle`s
+            (controlled ones become EXTERNAL, others CONSTANT) and `IDMVehicle`s.
+
+    Returns:
+        One world in float64 NumPy arrays, with as many vehicles and lanes as there are; parameters
+        are read from each vehicle, so that randomised ones are its own.
+
+    Raises:
+        SettingsError: the environment holds something our world cannot represent.
+    """
+    env = env.unwrapped
+    lanes = _lanes(env)
+    if env.road.objects:
+        raise SettingsError("there are obstacles or landmarks on the road; they cannot be read")
+    if getattr(env.road, "neighbour_vehicles_connected_lanes", False):
+        raise SettingsError("neighbour_vehicles_connected_lanes is on; it cannot be read")
+    vehicles = list(env.road.vehicles)
+    for vehicle in vehicles:
+        _check_vehicle(vehicle)
+    return World(
+        road=_read_road(lanes),
+        drivers=_read_drivers(vehicles, env.controlled_vehicles),
+        vehicles=_read_vehicles(vehicles),
+    )
+
+
+def _row(part: Any, index: int) -> SimpleNamespace:
+    """One vehicle's or lane's values as plain Python numbers."""
+    names = (field.name for field in fields(part))
+    return SimpleNamespace(**{name: np.asarray(getattr(part, name))[index].item() for name in names})
+
+
+def _present(part: Any) -> list[int]:
+    return [int(index) for index in np.flatnonzero(np.asarray(part.present))]
+
+
+def _build_network(road: Road) -> RoadNetwork:
+    indices = _present(road)
+    if indices != list(range(len(indices))):
+        raise SettingsError("absent lanes lie between present ones; highway-env has no such roads")
+    network = RoadNetwork()
+    for index in indices:
+        lane = _row(road, index)
+        network.add_lane(
+            ORIGIN,
+            DESTINATION,
+            StraightLane(
+                np.array([lane.start, lane.centre]),
+                np.array([lane.end, lane.centre]),
+                width=lane.width,
+                forbidden=not lane.open_to_change,
+                speed_limit=None if np.isinf(lane.speed_limit) else lane.speed_limit,
+            ),
+        )
+    return network
+
+
+def _build_vehicle(road: Any, state: SimpleNamespace, driver: SimpleNamespace) -> Any:
+    place = (road, [state.x, state.y], state.heading, state.speed)
+    vehicle: Any
+    if driver.kind == RULE_BASED:
+        vehicle = IDMVehicle(*place)
+        vehicle.COMFORT_ACC_MIN = -driver.comfort_deceleration
+        vehicle.COMFORT_ACC_MAX = driver.comfort_acceleration
+        vehicle.DISTANCE_WANTED = driver.jam_distance
+        vehicle.TIME_WANTED = driver.time_gap
+        vehicle.DELTA = driver.exponent
+        vehicle.POLITENESS = driver.politeness
+        vehicle.LANE_CHANGE_MIN_ACC_GAIN = driver.minimum_gain
+        vehicle.LANE_CHANGE_MAX_BRAKING_IMPOSED = driver.imposed_braking
+        vehicle.LANE_CHANGE_DELAY = driver.change_delay
+        vehicle.ACC_MAX = driver.acceleration_limit
+        vehicle.MAX_STEERING_ANGLE = driver.steering_limit
+        # The constructor replaces zeros by defaults, so zeros must be set afterwards.
+        vehicle.target_speed = driver.target_speed
+        vehicle.timer = state.timer
+        vehicle.enable_lane_change = driver.changes_lanes
+        vehicle.target_lane_index = (ORIGIN, DESTINATION, state.target_lane)
+    else:
+        vehicle = Vehicle(*place)
+        if driver.target_speed != 0:
+            vehicle.target_speed = driver.target_speed
+    vehicle.LENGTH, vehicle.WIDTH = driver.length, driver.width
+    vehicle.diagonal = np.sqrt(driver.length**2 + driver.width**2)
+    vehicle.check_collisions = driver.checks_collisions
+    vehicle.crashed = state.crashed
+    vehicle.impact = np.array([state.impact_x, state.impact_y]) if state.impacted else None
+    slip_tangent = state.slip_sine / np.sqrt(1 - state.slip_sine**2)
+    vehicle.action = {
+        "steering": float(np.arctan(2 * slip_tangent)),
+        "acceleration": state.acceleration,
+    }
+    return vehicle
+
+
+def _discrete_action(acceleration: float, steering: float) -> dict[str, Any]:
+    return {
+        "type": "DiscreteAction",
+        "acceleration_range": (-acceleration, acceleration),
+        "steering_range": (-steering, steering),
+        "actions_per_axis": 3,
+    }
+
+
+def _kinematics(lanes: int, lane_width: float) -> dict[str, Any]:
+    width = lane_width * lanes
+    return {
+        "type": "Kinematics",
+        "vehicles_count": 5,
+        "features": ["presence", "x", "y", "vx", "vy"],
+        "features_range": {
+            "x": [-200.0, 200.0],
+            "y": [-width, width],
+            "vx": [-80.0, 80.0],
+            "vy": [-80.0, 80.0],
+        },
+        "absolute": False,
+        "normalize": True,
+        "clip": True,
+        "see_behind": False,
+        "order": "sorted",
+    }
+
+
+def build_env(
+    world: World,
+    *,
+    simulation_frequency: int = 10,
+    decision_frequency: int = 2,
+    acceleration: float = 1.0,
+    steering: float = np.pi / 50,
+    duration: float = 25.0,
+    render_mode: str | None = None,
+) -> HighwayEnv:
+    """Make a live highway-env environment whose road and vehicles equal our world.
+
+    The ego, vehicle 0, is a plain `Vehicle` under a DiscreteAction of nine actions; other EXTERNAL
+    and CONSTANT vehicles are plain `Vehicle`s, RULE_BASED ones `IDMVehicle`s whose parameters are
+    set on the instance. The observation is Kinematics with fixed ranges.
+
+    Args:
+        world: one world, any float type; absent vehicles are left out.
+        simulation_frequency: ticks a second, Hz.
+        decision_frequency: decisions a second, Hz.
+        acceleration: size of the acceleration action, m/s^2.
+        steering: size of the steering action, rad.
+        duration: after which an episode is truncated, s.
+        render_mode: as of Gymnasium.
+
+    Returns:
+        The environment, not to be reset: a reset would replace the road and all vehicles.
+
+    Raises:
+        SettingsError: the ego is missing or not EXTERNAL, or lanes are missing in between.
+    """
+    indices = _present(world.vehicles)
+    kinds = np.asarray(world.drivers.kind)
+    if not indices or indices[0] != 0 or kinds[0] != EXTERNAL:
+        raise SettingsError("vehicle 0 must be present and driven from outside")
+    network = _build_network(world.road)
+    lanes = len(_present(world.road))
+    config = {
+        "lanes_count": lanes,
+        "vehicles_count": 0,
+        "simulation_frequency": simulation_frequency,
+        "policy_frequency": decision_frequency,
+        "duration": duration,
+        "action": _discrete_action(acceleration, steering),
+        "observation": _kinematics(lanes, float(np.asarray(world.road.width)[0])),
+        "offscreen_rendering": True,
+    }
+    env = HighwayEnv(config=config, render_mode=render_mode)
+    env.road = HighwayRoad(network=network, np_random=env.np_random, record_history=False)
+    env.road.vehicles = [
+        _build_vehicle(env.road, _row(world.vehicles, index), _row(world.drivers, index))
+        for index in indices
+    ]
+    env.controlled_vehicles = [env.road.vehicles[0]]
+    env.define_spaces()
+    env.time, env.steps, env.done = 0, 0, False
+    return env

@@ -1,0 +1,1 @@
+"""Q-learning that knows no roads: network, targets, replay, exploration, learner."""

@@ -1,0 +1,49 @@
+"""Settings of Q-learning. Knows no roads, imports no JAX."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from lanewise.ranges import Between, OneOf
+
+
+@dataclass(frozen=True)
+class ExplorationSettings:
+    """The epsilon schedule, counted in environment steps (decisions) over all worlds (row 15)."""
+
+    schedule: Annotated[str, OneOf(("linear", "exponential"))] = "linear"
+    """Shape of the decay: linear reaches the end at `steps`; exponential has `steps` as its
+    time constant."""
+    start: Annotated[float, Between(0.0, 1.0)] = 0.5
+    """First epsilon."""
+    end: Annotated[float, Between(0.0, 1.0)] = 0.02
+    """Last epsilon."""
+    steps: Annotated[int, Between(1, 100_000_000)] = 32_000
+    """Environment steps of the decay."""
+    counted: Annotated[str, OneOf(("all-worlds", "per-world"))] = "all-worlds"
+    """Whether `steps` counts the decisions of all worlds together or those of each world."""
+
+
+@dataclass(frozen=True)
+class LearnerSettings:
+    """Double deep Q-learning with replay."""
+
+    hidden: tuple[int, ...] = (512, 512)
+    """Widths of the hidden layers, ReLU between them."""
+    double: bool = True
+    """Double DQN (van Hasselt et al. 2016) or plain DQN (row 16)."""
+    discount: Annotated[float, Between(0.0, 1.0)] = 0.8
+    """gamma."""
+    learning_rate: Annotated[float, Between(1e-8, 1.0)] = 1e-3
+    """Adam's step size."""
+    batch_size: Annotated[int, Between(1, 65_536)] = 64
+    """Transitions in an update."""
+    replay_capacity: Annotated[int, Between(1, 10_000_000)] = 50_000
+    """Transitions kept; the oldest are overwritten."""
+    warm_up: Annotated[int, Between(1, 10_000_000)] = 1_000
+    """Transitions collected before the first update."""
+    target_update: Annotated[str, OneOf(("moving-average", "hard-copy"))] = "moving-average"
+    """How the target network follows the online one (row 17)."""
+    target_rate: Annotated[float, Between(1e-6, 1.0)] = 0.01
+    """Moving average: share of the online network taken at each update."""
+    target_interval: Annotated[int, Between(1, 1_000_000)] = 50
+    """Hard copy: updates between copies."""

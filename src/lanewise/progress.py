@@ -1,0 +1,116 @@
+"""Progress for people: a bar on a terminal, plain lines elsewhere, always on standard error."""
+
+import sys
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import TextIO
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
+
+
+class Progress:
+    """Reports how far the stages of a training have come.
+
+    Use: ``with Progress() as progress: progress.stage("high level", 1000); progress.update(10)``.
+    """
+
+    def __init__(
+        self,
+        stream: TextIO | None = None,
+        interval: float = 10.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Prepares a reporter.
+
+        Args:
+            stream: Where to write; standard error by default.
+            interval: Least time between two plain lines, s.
+            clock: Tells the time, s.
+        """
+        self._stream = sys.stderr if stream is None else stream
+        self._interval = interval
+        self._clock = clock
+        self._bar = _make_bar(self._stream) if self._stream.isatty() else None
+        self._task: TaskID | None = None
+        self._name = ""
+        self._total = 0.0
+        self._began = self._first = self._last_line = 0.0
+
+    def stage(self, name: str, total: float, done: float = 0.0) -> None:
+        """Begins a stage that is complete at ``total``; a resumed one begins at ``done``."""
+        self._name, self._total, self._first = name, total, done
+        self._began = self._last_line = self._clock()
+        if self._bar is not None:
+            if self._task is not None:
+                self._bar.stop_task(self._task)
+            self._task = self._bar.add_task(escape(name), total=total, metrics="")
+            self._bar.update(self._task, completed=done)
+        else:
+            self._line(f"{name}: starting" if done == 0 else f"{name}: continuing")
+
+    def update(self, done: float, **metrics: float) -> None:
+        """Reports that ``done`` of the stage's total is complete, with a few figures."""
+        figures = ", ".join(f"{k.replace('_', ' ')} {v:.4g}" for k, v in metrics.items())
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, completed=done, metrics=escape(figures))
+            return
+        now = self._clock()
+        if done < self._total and now - self._last_line < self._interval:
+            return
+        self._last_line = now
+        share = min(1.0, done / self._total) if self._total > 0 else 1.0
+        parts = [f"{self._name}: {share:.0%}", self._time_left(done, now), figures]
+        self._line(", ".join(part for part in parts if part))
+
+    def note(self, text: str) -> None:
+        """Writes a line that stays, such as a warning."""
+        if self._bar is not None:
+            self._bar.console.print(escape(text))
+        else:
+            self._line(text)
+
+    def __enter__(self) -> "Progress":
+        if self._bar is not None:
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def _time_left(self, done: float, now: float) -> str:
+        if done <= self._first or done >= self._total:
+            return ""
+        seconds = (now - self._began) * (self._total - done) / (done - self._first)
+        return f"{_duration(seconds)} left"
+
+    def _line(self, text: str) -> None:
+        self._stream.write(text + "\n")
+        self._stream.flush()
+
+
+def _make_bar(stream: TextIO) -> Bar:
+    return Bar(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f}%"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[metrics]}"),
+        console=Console(file=stream),
+    )
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"

@@ -1,0 +1,159 @@
+"""Ranges of settings, written beside the field they bound and checked in one place."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, get_args, get_origin
+
+from lanewise.errors import SettingsError
+
+
+@dataclass(frozen=True)
+class Between:
+    """The closed interval a number must lie in, with its unit.
+
+    Used as ``Annotated[float, Between(0.0, 60.0, "m/s")]``; for a tuple it holds for every member.
+    Not-a-number never lies in an interval; infinities only where a bound is infinite is
+    deliberately not offered: every setting is finite.
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+    unit: str = ""
+
+    def holds(self, value: float) -> bool:
+        """Whether ``value`` is finite and inside the interval."""
+        # Comparing first keeps whole numbers too large for a float from being converted to one.
+        return self.low <= value <= self.high and math.isfinite(value)
+
+    def __str__(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        if math.isinf(self.low) and math.isinf(self.high):
+            return f"a finite number{unit}"
+        if math.isinf(self.high):
+            return f"at least {_plain(self.low)}{unit}"
+        if math.isinf(self.low):
+            return f"at most {_plain(self.high)}{unit}"
+        return f"between {_plain(self.low)} and {_plain(self.high)}{unit}"
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """The names a text setting may take."""
+
+    names: tuple[str, ...]
+
+    def holds(self, value: str) -> bool:
+        """Whether ``value`` is one of the names."""
+        return value in self.names
+
+    def __str__(self) -> str:
+        return "one of " + ", ".join(self.names)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a setting may hold: its type, how many values, and the range of each.
+
+    ``length`` is None for a single value, 0 for a list of any length, otherwise the exact length.
+    """
+
+    type: type
+    length: int | None = None
+    bound: Between | OneOf | None = None
+
+    @classmethod
+    def of(cls, annotation: Any) -> "Kind":
+        """Reads the kind off a field's annotation."""
+        bound = None
+        if get_origin(annotation) is Annotated:
+            annotation, *metadata = get_args(annotation)
+            bound = next((item for item in metadata if isinstance(item, Between | OneOf)), None)
+        if get_origin(annotation) is not tuple:
+            return cls(annotation, None, bound)
+        members = get_args(annotation)
+        return cls(members[0], 0 if members[-1] is Ellipsis else len(members), bound)
+
+    def check(self, name: str, value: object) -> Any:
+        """Returns ``value`` in the setting's own type.
+
+        Whole numbers pass as floats; nothing else is converted.
+
+        Raises:
+            SettingsError: The value has another type or lies outside the range.
+        """
+        if self.length is None:
+            return self._check_one(name, value)
+        if isinstance(value, str) or not isinstance(value, Sequence):
+            raise SettingsError(f"{name}: expected {self}, got {show(value)}")
+        if not value or self.length not in (0, len(value)):
+            raise SettingsError(f"{name}: expected {self}, got {show(value)}")
+        return tuple(self._check_one(name, member) for member in value)
+
+    def parse(self, name: str, words: Sequence[str]) -> Any:
+        """Reads the setting from the words of a command line and checks it.
+
+        Raises:
+            SettingsError: The words do not spell a value, or it lies outside the range.
+        """
+        values = [self._parse_one(name, word) for word in words]
+        return self.check(name, values if self.length is not None else values[0])
+
+    def _parse_one(self, name: str, word: str) -> object:
+        try:
+            if self.type is bool:
+                return {"true": True, "false": False}[word.lower()]
+            return self.type(word)
+        except (KeyError, ValueError):
+            raise SettingsError(f'{name}: expected {self._noun}, got "{word[:80]}"') from None
+
+    def _check_one(self, name: str, value: Any) -> Any:
+        # bool is an int in Python, and 1 is a float's equal: neither may slip through.
+        if self.type is float and type(value) is int:
+            # A huge integer has no float; it is out of every range, so say that instead.
+            value = float(value) if abs(value) < 1 << 1000 else math.inf
+        if not self._is_own_type(value):
+            raise SettingsError(f"{name}: expected {self._noun}, got {show(value)}")
+        if self.type is float and not math.isfinite(value):
+            bound = self.bound if self.bound is not None else Between()
+            raise SettingsError(f"{name} must be {bound}, got {show(value)}")
+        if self.bound is not None and not self.bound.holds(value):
+            raise SettingsError(f"{name} must be {self.bound}, got {show(value)}")
+        return value
+
+    def _is_own_type(self, value: object) -> bool:
+        # `isinstance` would take True for the whole number 1.
+        return type(value) is self.type
+
+    @property
+    def _noun(self) -> str:
+        if isinstance(self.bound, OneOf):
+            return str(self.bound)
+        names = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+        return names[self.type]
+
+    def __str__(self) -> str:
+        if self.length is None:
+            return self._noun
+        plural = {int: "whole numbers", float: "numbers"}.get(self.type, "values")
+        return f"{self.length} {plural}" if self.length else f"one or more {plural}"
+
+
+def show(value: object) -> str:
+    """A value as people write it, in double quotes if it is text, and never longer than a line."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return f'"{value[:80]}"'
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(show(member) for member in value[:8]) + "]"
+    try:
+        return repr(value)[:80]
+    except ValueError:  # Python refuses to print integers of many thousand digits.
+        return "a number too long to print"
+
+
+def _plain(number: float) -> str:
+    """The shortest text that reads back as this number, without a trailing ``.0``."""
+    text = repr(number)
+    return text.removesuffix(".0")

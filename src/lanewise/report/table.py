@@ -1,0 +1,130 @@
+"""The paper's test table with ours beside it: as Markdown, for a terminal, and as JSON."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite, nan
+from typing import Any
+
+from lanewise.evaluation.metrics import (
+    METRICS,
+    PUBLISHED,
+    PUBLISHED_EPISODES,
+    Metric,
+    Summary,
+    published_interval,
+)
+from lanewise.evaluation.statistics import Interval
+from lanewise.report.escape import cell
+
+NOTE = (
+    "In parentheses 95 % intervals: exact (Clopper-Pearson) for shares of episodes, "
+    "Student's over episodes for means."
+)
+CAUSES = ("collision", "off_road", "stopped")
+
+
+@dataclass(frozen=True)
+class Column:
+    """One controller in one world, or as published."""
+
+    controller: str
+    """Name of the controller."""
+    source: str
+    """`published`, or the name of the world."""
+    summary: Summary
+    """Its figures."""
+
+
+def columns(summaries: Sequence[Summary]) -> list[Column]:
+    """Columns of the table: controller by controller, the published one before ours.
+
+    Controllers come in the paper's order, others after them as given; a published column stands
+    only beside a controller of ours.
+    """
+    ours = list(dict.fromkeys(s.controller for s in summaries))
+    ordered = [c for c in PUBLISHED if c in ours] + [c for c in ours if c not in PUBLISHED]
+    result = []
+    for controller in ordered:
+        if controller in PUBLISHED:
+            result.append(Column(controller, "published", _published(controller)))
+        result += [Column(controller, s.world, s) for s in summaries if s.controller == controller]
+    return result
+
+
+def _published(controller: str) -> Summary:
+    intervals = {name: published_interval(controller, name) for name in PUBLISHED[controller]}
+    known = {name: interval for name, interval in intervals.items() if interval is not None}
+    return Summary(controller, "published", PUBLISHED_EPISODES, PUBLISHED[controller], {}, known)
+
+
+def markdown(summaries: Sequence[Summary]) -> str:
+    """The table as Markdown, with a note on the intervals."""
+    heads = [f"{c.controller}, {c.source}" for c in columns(summaries)]
+    rows = _rows(columns(summaries))
+    lines = ["| | " + " | ".join(cell(head) for head in heads) + " |"]
+    lines.append("|---|" + "---:|" * len(heads))
+    lines += [f"| {cell(title)} | " + " | ".join(cells) + " |" for title, cells in rows]
+    return "\n".join([*lines, "", NOTE]) + "\n"
+
+
+def text(summaries: Sequence[Summary]) -> str:
+    """The table for a terminal: one block a controller, within 80 columns for two worlds."""
+    blocks = []
+    every = columns(summaries)
+    for controller in dict.fromkeys(c.controller for c in every):
+        block = [c for c in every if c.controller == controller]
+        rows = [(controller, [c.source for c in block]), *_rows(block)]
+        label = max(len(title) for title, _ in rows)
+        widths = [max(len(cells[i]) for _, cells in rows) for i in range(len(block))]
+        lines = [
+            "  ".join(
+                [title.ljust(label), *(c.rjust(w) for c, w in zip(cells, widths, strict=True))]
+            )
+            for title, cells in rows
+        ]
+        rule = "-" * len(lines[0])
+        blocks.append("\n".join([lines[0].rstrip(), rule, *(line.rstrip() for line in lines[1:])]))
+    return "\n\n".join([*blocks, NOTE.replace(": ", ":\n", 1)]) + "\n"
+
+
+def to_json(summaries: Sequence[Summary]) -> list[dict[str, Any]]:
+    """One object a column, the published ones included; `world` is `published` for those."""
+    return [column.summary.to_json() for column in columns(summaries)]
+
+
+def _rows(table: Sequence[Column]) -> list[tuple[str, list[str]]]:
+    rows = [("episodes", [str(c.summary.episodes) for c in table])]
+    for metric in METRICS:
+        if any(isfinite(c.summary.values.get(metric.name, nan)) for c in table):
+            rows.append((_title(metric), [_figure(metric, c.summary) for c in table]))
+        if metric.name == "accident_rate":
+            rows += [_cause_row(cause, table) for cause in CAUSES]
+    return rows
+
+
+def _cause_row(cause: str, table: Sequence[Column]) -> tuple[str, list[str]]:
+    counts = [c.summary.accidents.get(cause) for c in table]
+    return "  " + cause.replace("_", " "), ["-" if n is None else str(n) for n in counts]
+
+
+def _title(metric: Metric) -> str:
+    unit = "%" if metric.rate else metric.unit
+    # No square brackets: some terminals' markup would swallow them.
+    return f"{metric.title}, {unit}" if unit else metric.title
+
+
+def _figure(metric: Metric, summary: Summary) -> str:
+    value = summary.values.get(metric.name, nan)
+    if not isfinite(value):
+        return "-"
+    scale = 100.0 if metric.rate else 1.0
+    digits = 1 if metric.name == "travel_distance" else 2
+    shown = f"{scale * value:.{digits}f}"
+    interval = summary.intervals.get(metric.name)
+    return shown if interval is None else f"{shown} {_bounds(interval, scale, digits, metric.rate)}"
+
+
+def _bounds(interval: Interval, scale: float, digits: int, rate: bool) -> str:
+    # One digit fewer for rates: their intervals are wide, and the columns narrow.
+    low, high = (f"{scale * end:.{1 if rate else digits}f}" for end in interval)
+    return f"({low}, {high})"

@@ -1,0 +1,281 @@
+"""Arrays on disk: NAME.safetensors with the numbers, NAME.json with what they must be.
+
+Used for checkpoints and for trained controllers. Neither format can carry code. A file is loaded
+only when its length, SHA-256 digest, names, types and shapes are what the manifest and the
+caller's template say, and its floats are finite.
+"""
+
+import hashlib
+import json
+import re
+import stat
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load as load_safetensors
+from safetensors.numpy import save as save_safetensors
+
+from lanewise.errors import CheckpointError
+from lanewise.runs.files import PARTIAL, write_atomically
+
+FORMAT = "lanewise-arrays"
+VERSION = 1
+_LARGEST_MANIFEST = 4_000_000
+_LARGEST_FILE = 16 * 1024**3
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,120}")
+
+
+class ArrayLike(Protocol):
+    """What a template says about an array."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Its shape."""
+
+    @property
+    def dtype(self) -> Any:
+        """Its type."""
+
+
+Template = Mapping[str, ArrayLike]
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """What was stored under a name."""
+
+    name: str
+    """Its name."""
+    arrays: dict[str, np.ndarray]
+    """The arrays by name."""
+    meta: dict[str, Any]
+    """What the writer wanted remembered: stage, chunk, counters, length of the metrics."""
+
+
+def checkpoint_name(stage: int, chunk: int) -> str:
+    """A name that sorts by time: stages follow one another, chunks count up within a stage."""
+    return f"stage-{stage:02d}-chunk-{chunk:08d}"
+
+
+def save(
+    directory: Path,
+    name: str,
+    arrays: Mapping[str, np.ndarray],
+    meta: Mapping[str, Any],
+    settings_digest: str,
+    keep: int | None = None,
+) -> None:
+    """Stores arrays under a name; both files are complete on disk before either gets its name.
+
+    Args:
+        directory: Where; made if it is missing.
+        name: File name without ending. For checkpoints, names must sort by time.
+        arrays: Arrays by name.
+        meta: Anything JSON can hold.
+        settings_digest: Digest of the settings they belong to.
+        keep: Afterwards, delete all but this many of the newest names; None keeps all.
+
+    Raises:
+        OSError: The disk is full or not writable; what was stored before is unchanged.
+    """
+    _check_name(name)
+    directory.mkdir(parents=True, exist_ok=True)
+    # safetensors stores memory as it lies: it must be row by row, in this machine's byte order.
+    packed = {key: np.array(value, order="C") for key, value in arrays.items()}
+    data = save_safetensors(packed)
+    manifest = {
+        "format": FORMAT,
+        "version": VERSION,
+        "name": name,
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "bytes": len(data),
+        "settings_digest": settings_digest,
+        "meta": dict(meta),
+        "arrays": {key: [value.dtype.name, *value.shape] for key, value in packed.items()},
+    }
+    manifest["manifest_sha256"] = _digest_of(manifest)
+    text = json.dumps(manifest, indent=1, allow_nan=False) + "\n"
+    write_atomically(directory, {f"{name}.safetensors": data, f"{name}.json": text.encode()})
+    if keep is not None:
+        _prune(directory, keep)
+
+
+def load(
+    directory: Path,
+    name: str,
+    template: Template | Callable[[dict[str, Any]], Template] | None = None,
+    settings_digest: str | None = None,
+    nonfinite: Collection[str] = (),
+) -> Checkpoint:
+    """Loads what ``save`` stored, or says what is wrong with it.
+
+    Args:
+        directory: Where.
+        name: File name without ending.
+        template: What the arrays must be by name, or a function that tells it from the meta. An
+            array that is not finite in the template may be so in the file.
+        settings_digest: Digest of the settings they must belong to; None for any.
+        nonfinite: Names of further arrays that may hold nan or infinities.
+
+    Raises:
+        CheckpointError: A file is missing, a link, too large, truncated, altered, of other
+            settings, or not what the template wants.
+    """
+    _check_name(name)
+    manifest = _read_manifest(directory / f"{name}.json")
+    label = str(directory / f"{name}.safetensors")
+    if manifest["name"] != name:
+        raise CheckpointError(f"{label}: its manifest belongs to {manifest['name'][:80]}")
+    if settings_digest is not None and manifest["settings_digest"] != settings_digest:
+        raise CheckpointError(f"{label} was made with other settings")
+    wanted = template(manifest["meta"]) if callable(template) else template
+    if wanted is not None:
+        _check_template(label, manifest["arrays"], wanted)
+    arrays = _read_arrays(directory / f"{name}.safetensors", manifest)
+    _check_finite(label, arrays, wanted, nonfinite)
+    return Checkpoint(name, arrays, manifest["meta"])
+
+
+def names(directory: Path) -> list[str]:
+    """The names stored in a directory, oldest first."""
+    if not directory.is_dir():
+        return []
+    return sorted(path.stem for path in directory.glob("*.json"))
+
+
+def newest_valid(
+    directory: Path,
+    template: Template | Callable[[dict[str, Any]], Template] | None = None,
+    settings_digest: str | None = None,
+    nonfinite: Collection[str] = (),
+) -> tuple[Checkpoint | None, str]:
+    """Loads the newest checkpoint that is whole, and a warning about newer ones that are not.
+
+    Returns:
+        The checkpoint, or None where none was ever stored; and a warning, often empty.
+
+    Raises:
+        CheckpointError: There are checkpoints, but none is whole.
+    """
+    problems: list[str] = []
+    for name in reversed(names(directory)):
+        try:
+            found = load(directory, name, template, settings_digest, nonfinite)
+        except CheckpointError as error:
+            problems.append(str(error))
+        else:
+            warning = f"{problems[0]}; continuing from {name}" if problems else ""
+            return found, warning
+    if problems:
+        raise CheckpointError(f"no checkpoint can be used; the newest: {problems[0]}")
+    return None, ""
+
+
+def _check_name(name: str) -> None:
+    if not _NAME.fullmatch(name):
+        raise CheckpointError(f"{name[:80]!r} is no name for a checkpoint")
+
+
+def _prune(directory: Path, keep: int) -> None:
+    """Deletes all but the newest; the manifest goes first, so that no half is ever offered."""
+    for name in names(directory)[:-keep]:
+        for ending in ("json", "safetensors"):
+            (directory / f"{name}.{ending}").unlink(missing_ok=True)
+    # What a kill in the middle of writing left; the lock on the run keeps other writers out.
+    for path in directory.glob(f"*{PARTIAL}"):
+        path.unlink(missing_ok=True)
+
+
+def _read_file(path: Path, largest: int) -> bytes:
+    try:
+        status = path.lstat()
+        if not stat.S_ISREG(status.st_mode):
+            raise CheckpointError(f"{path} is not a regular file")
+        if status.st_size > largest:
+            raise CheckpointError(f"{path} is larger than it may be ({largest} bytes)")
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise CheckpointError(f"{path} is missing") from None
+    except OSError as error:
+        raise CheckpointError(f"cannot read {path}: {error.strerror}") from error
+
+
+def _read_manifest(path: Path) -> dict[str, Any]:
+    try:
+        manifest = json.loads(_read_file(path, _LARGEST_MANIFEST))
+    except (ValueError, RecursionError) as error:
+        raise CheckpointError(f"{path} is damaged: not valid JSON") from error
+    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+        raise CheckpointError(f"{path} is not a manifest of lanewise")
+    if manifest.get("version") != VERSION:
+        raise CheckpointError(f"{path} has another format version; this lanewise reads {VERSION}")
+    fields = {"name": str, "sha256": str, "bytes": int, "settings_digest": str, "meta": dict}
+    for name, kind in (fields | {"arrays": dict}).items():
+        if type(manifest.get(name)) is not kind:
+            raise CheckpointError(f"{path} is damaged: {name} is missing")
+    if manifest.get("manifest_sha256") != _digest_of(manifest):
+        raise CheckpointError(f"{path} was altered: its digest is not its own")
+    return manifest
+
+
+def _digest_of(manifest: Mapping[str, Any]) -> str:
+    """SHA-256 over everything in a manifest but this digest itself."""
+    rest = {name: value for name, value in manifest.items() if name != "manifest_sha256"}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
+
+
+def _check_template(label: str, declared: Mapping[str, Any], wanted: Template) -> None:
+    """Compares what the manifest declares with what the caller needs, before reading any data."""
+    for name in (*wanted, *declared):
+        if name not in declared:
+            raise CheckpointError(f"{label} lacks {name[:80]}")
+        if name not in wanted:
+            raise CheckpointError(f"{label} holds {name[:80]}, which does not belong there")
+        array = wanted[name]
+        want = [np.dtype(array.dtype).name, *array.shape]
+        if declared[name] != want:
+            raise CheckpointError(f"{label}: {name} is {str(declared[name])[:80]}, expected {want}")
+
+
+def _read_arrays(path: Path, manifest: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    data = _read_file(path, _LARGEST_FILE)
+    if len(data) != manifest["bytes"]:
+        expected = manifest["bytes"]
+        raise CheckpointError(f"{path} is truncated or altered: {len(data)} of {expected} bytes")
+    if hashlib.sha256(data).hexdigest() != manifest["sha256"]:
+        raise CheckpointError(f"{path} was altered: its digest is not the manifest's")
+    try:
+        arrays: dict[str, np.ndarray] = load_safetensors(data)
+    except (SafetensorError, ValueError, KeyError) as error:
+        raise CheckpointError(f"{path} is not a safetensors file") from error
+    found = {name: [array.dtype.name, *array.shape] for name, array in arrays.items()}
+    if found != manifest["arrays"]:
+        raise CheckpointError(f"{path} does not hold the arrays its manifest lists")
+    return arrays
+
+
+def _check_finite(
+    label: str,
+    arrays: Mapping[str, np.ndarray],
+    wanted: Template | None,
+    nonfinite: Collection[str],
+) -> None:
+    for name, array in arrays.items():
+        if name in nonfinite or _is_finite(array):
+            continue
+        model = None if wanted is None else wanted[name]
+        # A template of mere shapes says nothing about values; one of arrays does.
+        if hasattr(model, "__array__") and not _is_finite(np.asarray(model)):
+            continue
+        raise CheckpointError(f"{label}: {name} holds numbers that are not finite")
+
+
+def _is_finite(array: np.ndarray) -> bool:
+    if not np.issubdtype(array.dtype, np.inexact):
+        return True
+    # One pass without a temporary array: sums of finite numbers can overflow, extremes cannot.
+    return array.size == 0 or bool(np.isfinite(array.min()) and np.isfinite(array.max()))

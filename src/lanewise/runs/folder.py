@@ -1,0 +1,222 @@
+"""Run folders: the settings a run was made with, who may write to it, and where things lie.
+
+::
+
+    DIR/run.json          format, controller, seed, settings digest, versions; written last
+    DIR/settings.toml     every setting
+    DIR/metrics.jsonl     one JSON object a line, the same bytes however often it was resumed
+    DIR/timings.jsonl     wall-clock times, which do differ
+    DIR/checkpoints/      what resuming needs
+    DIR/controller.*      the trained controller
+    DIR/lock              held by the process that writes
+
+Imports no JAX.
+"""
+
+import fcntl
+import json
+import os
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+from lanewise import __version__, config
+from lanewise.config import Settings
+from lanewise.errors import RunError, SettingsError
+from lanewise.ranges import show
+from lanewise.runs.files import PARTIAL, write_atomically
+
+FORMAT = "lanewise-run"
+VERSION = 1
+CONTROLLERS = ("hierarchical", "single-level")
+_OURS = {"lock", "settings.toml"}
+_LARGEST_MANIFEST = 100_000
+
+
+@dataclass
+class RunFolder:
+    """A run on disk. ``create`` and ``resume`` hold its lock until ``close``; ``open`` reads."""
+
+    path: Path
+    """The folder."""
+    settings: Settings
+    """Every setting the run was made with."""
+    controller: str
+    """What is trained: a name in ``CONTROLLERS``."""
+    seed: int
+    """Seed of everything random."""
+    _lock: IO[bytes] | None = field(default=None, repr=False)
+
+    @classmethod
+    def create(cls, path: Path, settings: Settings, controller: str, seed: int) -> "RunFolder":
+        """Makes a run in a new or empty folder and locks it.
+
+        Raises:
+            RunError: The folder holds something already, or another process is making a run in it.
+        """
+        require_empty(path)
+        path.mkdir(parents=True, exist_ok=True)
+        lock = _acquire(path)
+        folder = cls(path, settings, controller, seed, lock)
+        try:
+            # Whoever had the lock just before may have made a run meanwhile.
+            require_empty(path)
+            folder._write_identity()
+        except BaseException:
+            folder.close()
+            raise
+        return folder
+
+    @classmethod
+    def open(cls, path: Path) -> "RunFolder":
+        """Reads a run, without locking it.
+
+        Raises:
+            RunError: There is no run, or its files are damaged.
+        """
+        manifest = _read_manifest(path)
+        return cls(path, _read_settings(path, manifest), manifest["controller"], manifest["seed"])
+
+    @classmethod
+    def resume(
+        cls,
+        path: Path,
+        settings: Settings | None = None,
+        controller: str | None = None,
+        seed: int | None = None,
+    ) -> "RunFolder":
+        """Opens a run to continue it, and locks it. What is None is taken from the run.
+
+        Raises:
+            RunError: There is no run, another process holds it, or it was made with another
+                controller, seed or settings.
+        """
+        folder = cls.open(path)
+        if controller is not None and controller != folder.controller:
+            raise RunError(f"{path} trains {folder.controller}, not {controller}")
+        if seed is not None and seed != folder.seed:
+            raise RunError(f"{path} was made with seed {folder.seed}, not {seed}")
+        difference = config.first_difference(folder.settings, settings or folder.settings)
+        if difference:
+            raise RunError(
+                f"{path} was made with other settings: there {difference}\n"
+                "  --resume without any settings takes those of the run"
+            )
+        folder._lock = _acquire(path)
+        return folder
+
+    @property
+    def digest(self) -> str:
+        """The settings' digest, which every file of the run carries."""
+        return config.digest(self.settings)
+
+    @property
+    def checkpoints(self) -> Path:
+        """Where checkpoints lie."""
+        return self.path / "checkpoints"
+
+    @property
+    def metrics(self) -> Path:
+        """The metrics file."""
+        return self.path / "metrics.jsonl"
+
+    @property
+    def timings(self) -> Path:
+        """The file of wall-clock times."""
+        return self.path / "timings.jsonl"
+
+    def close(self) -> None:
+        """Gives the lock back."""
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+    def __enter__(self) -> "RunFolder":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _write_identity(self) -> None:
+        manifest = {
+            "format": FORMAT,
+            "version": VERSION,
+            "controller": self.controller,
+            "seed": self.seed,
+            "settings_digest": self.digest,
+            "lanewise": __version__,
+            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        }
+        contents = {
+            "settings.toml": config.dump_toml(self.settings).encode(),
+            "run.json": (json.dumps(manifest, indent=2) + "\n").encode(),
+        }
+        write_atomically(self.path, contents)
+
+
+def require_empty(path: Path) -> None:
+    """Refuses a folder that holds anything.
+
+    Raises:
+        RunError: Says what it holds and what to do.
+    """
+    if not path.exists() and not path.is_symlink():
+        return
+    if not path.is_dir():
+        raise RunError(f"{path} is not a folder")
+    if (path / "run.json").exists():
+        raise RunError(
+            f"{path} holds a run already; --resume continues it, or choose another folder"
+        )
+    # A kill while the run was being made leaves only these; nothing is lost by starting afresh.
+    names = {name for name in os.listdir(path) if not name.endswith(PARTIAL)}
+    if names - _OURS:
+        raise RunError(f"{path} is not empty and holds no run; choose another folder")
+
+
+def _acquire(path: Path) -> IO[bytes]:
+    lock = (path / "lock").open("ab")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        lock.close()
+        raise RunError(f"{path} is in use: another process is training in it") from None
+    return lock
+
+
+def _read_manifest(path: Path) -> dict[str, Any]:
+    file = path / "run.json"
+    if not file.is_file():
+        raise RunError(f"no run in {path}: looked for {file}")
+    if file.stat().st_size > _LARGEST_MANIFEST:
+        raise RunError(f"{file} is damaged: too large")
+    try:
+        manifest = json.loads(file.read_bytes())
+    except (ValueError, RecursionError) as error:
+        raise RunError(f"{file} is damaged: not valid JSON") from error
+    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+        raise RunError(f"{file} does not describe a run")
+    if manifest.get("version") != VERSION:
+        version = show(manifest.get("version"))
+        raise RunError(f"{file} has format version {version}; this lanewise reads {VERSION}")
+    if manifest.get("controller") not in CONTROLLERS or type(manifest.get("seed")) is not int:
+        raise RunError(f"{file} is damaged: no controller or seed")
+    return manifest
+
+
+def _read_settings(path: Path, manifest: dict[str, Any]) -> Settings:
+    file = path / "settings.toml"
+    try:
+        settings = config.compose(file=file)
+    except SettingsError as error:
+        raise RunError(str(error)) from error
+    if config.digest(settings) != manifest.get("settings_digest"):
+        raise RunError(f"{file} was altered after the run was made")
+    return settings

@@ -1,0 +1,70 @@
+"""Settings of the trap: who stands where at the start, and who drives how. Imports no JAX."""
+
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from lanewise.ranges import Between
+from lanewise.world.settings import PAPER_DRIVER, DriverSettings
+
+Metres = Between(0.0, 1000.0, "m")
+MetresPerSecond = Between(0.0, 60.0, "m/s")
+
+
+@dataclass(frozen=True)
+class TrafficSettings:
+    """Ordinary traffic around the trap."""
+
+    vehicles_ahead: Annotated[int, Between(0, 100)] = 9
+    """Vehicles ahead of the trap, in lanes at random."""
+    first_gap: Annotated[float, Metres] = 45.0
+    """From the front trap car to the first vehicle ahead, centre to centre."""
+    spacing: Annotated[float, Metres] = 25.0
+    """Mean distance from one vehicle to the next along the road, centre to centre."""
+    spacing_jitter: Annotated[float, Metres] = 5.0
+    """Each distance varies uniformly by plus or minus this."""
+    vehicles_behind: Annotated[int, Between(0, 100)] = 0
+    """Vehicles behind the ego; the paper's scenario has none."""
+    gap_behind: Annotated[float, Metres] = 45.0
+    """From the ego to the first vehicle behind, centre to centre."""
+    speed: Annotated[float, MetresPerSecond] = 12.5
+    """Initial speed of every traffic vehicle."""
+    driver: DriverSettings = field(default_factory=lambda: PAPER_DRIVER)
+    """How traffic drives."""
+
+
+@dataclass(frozen=True)
+class TrapSettings:
+    """A slow car ahead of the ego and another in the lane to its right, at one constant speed.
+
+    The ego starts in the far-left lane at x = 0. Distances are centre to centre (row 8 of the
+    reading). The defaults are preset ``trap-10``; ``trap-10.9`` differs in ``trap_speed``.
+    """
+
+    lanes: Annotated[int, Between(2, 8)] = 3
+    """Number of lanes; the trap takes two."""
+    lane_width: Annotated[float, Between(2.5, 10.0, "m")] = 4.0
+    """Width of every lane."""
+    speed_limit: Annotated[float, Between(1.0, 60.0, "m/s")] = 30.0
+    """Speed limit of every lane; drivers' target speeds are clipped to it."""
+    ego_speed: Annotated[float, Between(1.0, 40.0, "m/s")] = 10.0
+    """The ego's speed at the start."""
+    trap_speed: Annotated[float, Between(0.5, 40.0, "m/s")] = 10.0
+    """Speed of both trap cars, all episode long."""
+    training_front_distance: Annotated[tuple[float, float], Between(5.0, 200.0, "m")] = (
+        14.80,
+        16.44,
+    )
+    """D1 in training and validation: uniform between the two."""
+    training_side_distance: Annotated[tuple[float, float], Between(-200.0, 200.0, "m")] = (
+        4.06,
+        7.43,
+    )
+    """D2 in training and validation: uniform between the two."""
+    test_front_distance: Annotated[float, Between(5.0, 200.0, "m")] = 15.62
+    """D1 in tests."""
+    test_side_distance: Annotated[float, Between(-200.0, 200.0, "m")] = 6.61
+    """D2 in tests."""
+    missing_target_speed: bool = True
+    """Keep highway-env's quirk: traffic believes that the ego and the trap cars want to stop."""
+    traffic: TrafficSettings = field(default_factory=TrafficSettings)
+    """Ordinary traffic."""

@@ -1,0 +1,233 @@
+"""A stage under way, seen from the host: chunk by chunk, with the weights worth keeping.
+
+Nothing here reads or writes files or prints: every chunk returns a `Report`, and consumers stand
+outside.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import jax
+import numpy as np
+
+from lanewise.controllers.controller import Parameters
+from lanewise.evaluation import drive
+from lanewise.evaluation.drive import TestCourse
+from lanewise.evaluation.episodes import ACCIDENTS, Episodes
+from lanewise.training import stage
+from lanewise.training.rollout import Course, Finished
+from lanewise.training.stage import ChunkMetrics, StageState
+
+RECENT = 10
+"""Training episodes over which `best-training` averages (the paper's 10)."""
+VALIDATION_SEED = 0
+"""Validation starts are the same for every seed and stage, so that weights compete fairly."""
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """The host's books of a stage: plain numbers, stored with each checkpoint."""
+
+    chunks: int = 0
+    """Chunks done."""
+    decisions: int = 0
+    """Decisions over all worlds."""
+    episodes: int = 0
+    """Completed episodes."""
+    recent: tuple[float, ...] = ()
+    """Rewards of the last `RECENT` completed episodes, ordered by (decision, world)."""
+    best_score: tuple[float, ...] = ()
+    """Score of the best weights so far, compared in order; empty before the first."""
+    best_chunk: int = 0
+    """When they were found."""
+
+
+@dataclass(frozen=True)
+class StageProgress:
+    """A stage between two chunks."""
+
+    state: StageState
+    best: Any
+    """The learning network's best parameters so far."""
+    ledger: Ledger = field(default_factory=Ledger)
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a chunk has to say."""
+
+    chunk: dict[str, Any]
+    """One line of metrics about the chunk."""
+    episodes: list[dict[str, Any]]
+    """One line for each episode completed in it, ordered by (decision, world)."""
+
+
+@dataclass(frozen=True)
+class StagePlan:
+    """A stage ready to run."""
+
+    name: str
+    course: Course
+    validation: TestCourse
+    validation_episodes: int
+    validation_interval: int
+    """Chunks between validations."""
+
+    @property
+    def last_chunk(self) -> int | None:
+        """Chunks of the whole stage, where its decisions are limited."""
+        per_chunk = stage.CHUNK * self.course.stage.worlds
+        decisions = self.course.stage.decisions
+        return -(-decisions // per_chunk) if decisions else None
+
+    def finished(self, ledger: Ledger) -> bool:
+        """Whether the stage's budget is spent; looked at between chunks."""
+        limit = self.course.stage.episodes
+        by_episodes = bool(limit) and ledger.episodes >= limit
+        last = self.last_chunk
+        return by_episodes or (last is not None and ledger.chunks >= last)
+
+    def fraction(self, ledger: Ledger) -> float:
+        """Share of the budget spent, 0 to 1."""
+        settings = self.course.stage
+        shares = [1.0 if self.finished(ledger) else 0.0]
+        if settings.episodes:
+            shares.append(ledger.episodes / settings.episodes)
+        if settings.decisions:
+            shares.append(ledger.decisions / settings.decisions)
+        return min(1.0, max(shares))
+
+
+def begin(plan: StagePlan, frozen: Parameters, key: jax.Array) -> StageProgress:
+    """The stage before its first chunk."""
+    state = stage.begin(plan.course, frozen, key)
+    return StageProgress(state=state, best=jax.device_get(state.learner.online))
+
+
+def advance(
+    plan: StagePlan, frozen: Parameters, progress: StageProgress
+) -> tuple[StageProgress, Report]:
+    """One chunk; ``progress`` is consumed."""
+    state, metrics = stage.advance(plan.course, frozen, progress.state)
+    metrics = jax.device_get(metrics)
+    lines = _episode_lines(plan, progress.ledger, metrics.finished)
+    ledger = _booked(plan, progress.ledger, lines)
+    validation = _validate(plan, frozen, state, ledger)
+    score = _score(plan, ledger, validation)
+    best = progress.best
+    if score and score > ledger.best_score:
+        best = jax.device_get(state.learner.online)
+        ledger = replace(ledger, best_score=score, best_chunk=ledger.chunks)
+    line = _chunk_line(plan, ledger, metrics, lines, validation)
+    return StageProgress(state, best, ledger), Report(line, lines)
+
+
+def result(progress: StageProgress, keep: str) -> Any:
+    """The parameters the stage hands on."""
+    if keep == "last" or not progress.ledger.best_score:
+        return jax.device_get(progress.state.learner.online)
+    return progress.best
+
+
+def _booked(plan: StagePlan, ledger: Ledger, lines: list[dict[str, Any]]) -> Ledger:
+    """The ledger after a chunk with these episodes."""
+    rewards = ledger.recent + tuple(line["reward"] for line in lines)
+    return replace(
+        ledger,
+        chunks=ledger.chunks + 1,
+        decisions=ledger.decisions + stage.CHUNK * plan.course.stage.worlds,
+        episodes=ledger.episodes + len(lines),
+        recent=rewards[-RECENT:],
+    )
+
+
+def _validate(
+    plan: StagePlan, frozen: Parameters, state: StageState, ledger: Ledger
+) -> Episodes | None:
+    """Greedy episodes on validation starts, when they are due."""
+    due = ledger.chunks % plan.validation_interval == 0 or plan.finished(ledger)
+    if not due:
+        return None
+    parameters = frozen | {plan.course.controller.learns: state.learner.online}
+    return drive.test(plan.validation, parameters, VALIDATION_SEED, plan.validation_episodes)
+
+
+def _score(plan: StagePlan, ledger: Ledger, validation: Episodes | None) -> tuple[float, ...]:
+    """Score of the current weights by the stage's rule; empty where the rule has nothing to say."""
+    keep = plan.course.stage.keep
+    if keep == "best-validation" and validation is not None:
+        accidents = validation.accident > 0
+        return (
+            float(np.mean(validation.success) - np.mean(accidents)),
+            float(np.mean(validation.accumulated_reward)),
+        )
+    if keep == "best-training" and len(ledger.recent) == RECENT:
+        return (float(np.mean(ledger.recent)),)
+    return ()
+
+
+def _episode_lines(plan: StagePlan, ledger: Ledger, finished: Finished) -> list[dict[str, Any]]:
+    """A line for each completed episode; ``finished`` has axes [iteration, world]."""
+    lines = []
+    for iteration, world in np.argwhere(finished.done):
+        at = (iteration, world)
+        lines.append(
+            {
+                "kind": "episode",
+                "stage": plan.name,
+                "episode": ledger.episodes + len(lines) + 1,
+                "decision": ledger.decisions
+                + int(iteration) * plan.course.stage.worlds
+                + int(world)
+                + 1,
+                "success": bool(finished.success[at]),
+                "accident": ACCIDENTS[int(finished.accident[at])],
+                "decisions": int(finished.decisions[at]),
+                "reward": float(finished.reward[at]),
+                "timestep_reward": float(finished.timestep_reward[at]),
+                "speed": float(finished.average_speed[at]),
+            }
+        )
+    return lines
+
+
+def _chunk_line(
+    plan: StagePlan,
+    ledger: Ledger,
+    metrics: ChunkMetrics,
+    lines: list[dict[str, Any]],
+    validation: Episodes | None,
+) -> dict[str, Any]:
+    """A line about a chunk; means are null where there was nothing to average."""
+
+    def mean(values: list[float]) -> float | None:
+        return float(np.mean(values)) if values else None
+
+    def finite(value: Any) -> float | None:
+        return float(value) if np.isfinite(value) else None
+
+    line: dict[str, Any] = {
+        "kind": "chunk",
+        "stage": plan.name,
+        "chunk": ledger.chunks,
+        "decisions": ledger.decisions,
+        "episodes": ledger.episodes,
+        "updates": int(metrics.updates),
+        "transitions": int(metrics.transitions),
+        "epsilon": float(metrics.epsilon),
+        "loss": finite(metrics.loss),
+        "mean_q": finite(metrics.mean_q),
+        "success_rate": mean([line["success"] for line in lines]),
+        "accident_rate": mean([line["accident"] != "none" for line in lines]),
+        "reward": mean([line["reward"] for line in lines]),
+        "timestep_reward": mean([line["timestep_reward"] for line in lines]),
+        "speed": mean([line["speed"] for line in lines]),
+    }
+    if validation is not None:
+        line |= {
+            "validation_success_rate": float(np.mean(validation.success)),
+            "validation_accident_rate": float(np.mean(validation.accident > 0)),
+            "validation_reward": float(np.mean(validation.accumulated_reward)),
+            "best_chunk": ledger.best_chunk,
+        }
+    return line

@@ -1,0 +1,96 @@
+"""Recipes as data: which stages make a controller, who learns in each, what it hands on."""
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from lanewise.controllers.controller import Controller
+from lanewise.controllers.hierarchical import Hierarchical
+from lanewise.controllers.planned import Planned
+from lanewise.controllers.settings import GoalSettings, PlannerSettings
+from lanewise.controllers.single_level import SingleLevel
+from lanewise.driving.settings import DrivingSettings
+from lanewise.evaluation.drive import TestCourse
+from lanewise.evaluation.settings import EvaluationSettings
+from lanewise.scenario.settings import TrapSettings
+from lanewise.training.rollout import Course
+from lanewise.training.settings import StageSettings
+
+
+class RecipeSettings(Protocol):
+    """The settings a recipe reads; `lanewise.config.Settings` is the one there is."""
+
+    @property
+    def scenario(self) -> TrapSettings: ...
+    @property
+    def driving(self) -> DrivingSettings: ...
+    @property
+    def goals(self) -> GoalSettings: ...
+    @property
+    def planner(self) -> PlannerSettings: ...
+    @property
+    def evaluation(self) -> EvaluationSettings: ...
+    @property
+    def single_level(self) -> StageSettings: ...
+    @property
+    def high_level(self) -> StageSettings: ...
+    @property
+    def low_level(self) -> StageSettings: ...
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of a recipe."""
+
+    name: str
+    """In metrics, checkpoints and progress."""
+    level: str
+    """The level that learns; also the name of its `StageSettings`."""
+    controller: str
+    """The controller that drives while it learns."""
+
+
+RECIPES = {
+    "hierarchical": (
+        Stage("step-1", level="high_level", controller="planned"),
+        Stage("step-2", level="low_level", controller="hierarchical"),
+    ),
+    "single-level": (Stage("single-level", level="single_level", controller="single-level"),),
+}
+"""The stages of each trainable controller, in order; a later one finds the earlier ones' levels
+frozen."""
+
+
+def controller(settings: RecipeSettings, name: str, renewal: str) -> Controller:
+    """The controller of a name, with goals renewed as ``renewal`` says."""
+    if name == "planned":
+        return Planned(settings.driving, settings.goals, settings.planner, renewal)
+    if name == "hierarchical":
+        return Hierarchical(settings.driving, settings.goals, renewal)
+    return SingleLevel()
+
+
+def course(settings: RecipeSettings, stage: Stage) -> Course:
+    """The static part of a stage."""
+    return Course(
+        scenario=settings.scenario,
+        driving=settings.driving,
+        controller=controller(settings, stage.controller, settings.goals.training_renewal),
+        stage=getattr(settings, stage.level),
+    )
+
+
+def validation_course(settings: RecipeSettings, stage: Stage) -> TestCourse:
+    """Greedy episodes on validation starts, by which a stage's weights are chosen."""
+    return replace(test_course(settings, stage.controller), split="validation")
+
+
+def test_course(
+    settings: RecipeSettings, name: str, renewal: str | None = None
+) -> TestCourse:
+    """Greedy test episodes of a controller; goals renewed as its test setting says."""
+    return TestCourse(
+        scenario=settings.scenario,
+        driving=settings.driving,
+        controller=controller(settings, name, renewal or settings.goals.test_renewal),
+        duration=settings.evaluation.duration * settings.driving.decision_frequency,
+    )

@@ -1,0 +1,116 @@
+"""The intelligent driver model: how hard to accelerate behind a vehicle.
+
+Treiber, Hennecke, Helbing, "Congested traffic states in empirical observations and microscopic
+simulations", 2000; in the form of ``highway_env.vehicle.behavior.IDMVehicle``.
+"""
+
+import jax.numpy as jnp
+from jax import Array
+
+from lanewise.world.motion import Motion, not_zero
+from lanewise.world.neighbours import Front, Neighbours
+from lanewise.world.state import Drivers, World
+
+
+def power(base: Array, exponent: Array) -> Array:
+    """base ** exponent for base >= 0 and exponent > 0, faster than the general power.
+
+    Args:
+        base: any shape.
+        exponent: broadcasts with it.
+
+    Returns:
+        exp(exponent * log(base)); 0 at base 0.
+    """
+    return jnp.exp(exponent * jnp.log(base))
+
+
+def free_road(drivers: Drivers, effort: Array) -> Array:
+    """Acceleration on an empty lane, a (1 - effort^delta), m/s^2.
+
+    Args:
+        drivers: whose a and delta are used, [N].
+        effort: [N] speed over target speed, of the vehicle that would accelerate.
+
+    Returns:
+        [N].
+    """
+    return drivers.comfort_acceleration * (1 - power(effort, drivers.exponent))
+
+
+def desired_gap(drivers: Drivers, speed: Array, closing_speed: Array) -> Array:
+    """Distance a driver wants to a leader, s0 + v T + v dv / (2 sqrt(a b)), m.
+
+    It is not floored: a leader that pulls away fast makes it negative (`unfloored-desired-gap`).
+
+    Args:
+        drivers: whose parameters are used, broadcasting with the speeds.
+        speed: v of the follower, m/s.
+        closing_speed: dv, along the follower's direction, m/s, positive when closing in.
+
+    Returns:
+        The broadcast shape.
+    """
+    brake = 2 * jnp.sqrt(drivers.comfort_acceleration * drivers.comfort_deceleration)
+    return drivers.jam_distance + speed * drivers.time_gap + speed * closing_speed / brake
+
+
+def interaction(drivers: Drivers, speed: Array, closing_speed: Array, gap: Array) -> Array:
+    """Deceleration because of a leader, a (desired gap / gap)^2, m/s^2.
+
+    Args:
+        drivers: whose parameters are used, [N].
+        speed: [N] of the follower, m/s.
+        closing_speed: [N] m/s.
+        gap: [N] centre to centre along the lane, m.
+
+    Returns:
+        [N], never negative.
+    """
+    ratio = desired_gap(drivers, speed, closing_speed) / not_zero(gap)
+    return drivers.comfort_acceleration * ratio * ratio
+
+
+def following(world: World, motion: Motion, front: Front) -> Array:
+    """Deceleration of every vehicle because of its leader, 0 without one, m/s^2.
+
+    Args:
+        world: one world.
+        motion: its motion.
+        front: the leaders.
+
+    Returns:
+        [N].
+    """
+    vehicles = world.vehicles
+    leader_speed = front.velocity_x * motion.cosine + front.velocity_y * motion.sine
+    braking = interaction(
+        world.drivers, vehicles.speed, vehicles.speed - leader_speed, front.x - vehicles.x
+    )
+    return jnp.where(front.exists, braking, 0)
+
+
+def accelerate(world: World, motion: Motion, around: Neighbours, target_lane: Array) -> Array:
+    """Acceleration every rule-based driver commands; while changing, the smaller of two lanes'.
+
+    Args:
+        world: one world.
+        motion: its motion.
+        around: neighbours, found before `target_lane` was chosen.
+        target_lane: int32 [N], chosen in this tick.
+
+    Returns:
+        [N] clipped to each driver's limit, m/s^2.
+    """
+    front = jnp.where(target_lane > motion.lane, 1, 0)
+    was_changing = world.vehicles.target_lane != motion.lane
+    to_right = (front == 1) & ~was_changing
+    other = jnp.where(
+        to_right,
+        following(world, motion, around.right.front),
+        following(world, motion, around.left.front),
+    )
+    braking = following(world, motion, around.own.front)
+    braking = jnp.where(target_lane != motion.lane, jnp.maximum(braking, other), braking)
+    limit = world.drivers.acceleration_limit
+    return jnp.clip(free_road(world.drivers, motion.effort) - braking, -limit, limit)

@@ -1,0 +1,176 @@
+"""Lane changes: MOBIL decides when to start one, and a rival ahead aborts one.
+
+Kesting, Treiber, Helbing, "General lane-changing model MOBIL for car-following models", 2007;
+in the form of ``highway_env.vehicle.behavior.IDMVehicle.change_lane_policy``.
+"""
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+from lanewise.world import idm
+from lanewise.world import road as roads
+from lanewise.world.motion import Motion
+from lanewise.world.neighbours import Front, Neighbours, Pair, Rear
+from lanewise.world.state import RULE_BASED, World
+
+SLOWEST_CHANGE = 1.0
+"""Nobody starts a lane change below this speed, m/s."""
+TIMER_TOLERANCE = {"float32": 1e-5}
+"""Slack of the timer's comparison by dtype, s; see `timer-in-float32` in docs/numerics.md."""
+
+
+def due(world: World, motion: Motion) -> Array:
+    """Which drivers think about a lane change in this tick.
+
+    Those not changing already whose timer is strictly above their delay (`strict-timer`).
+
+    Args:
+        world: one world.
+        motion: its motion.
+
+    Returns:
+        bool [N].
+    """
+    vehicles, drivers = world.vehicles, world.drivers
+    tolerance = TIMER_TOLERANCE.get(vehicles.timer.dtype.name, 0.0)
+    return (
+        motion.decides
+        & drivers.changes_lanes
+        & (vehicles.target_lane == motion.lane)
+        & (vehicles.timer > drivers.change_delay + tolerance)
+    )
+
+
+def _followed(world: World, rear: Rear, x: Array, velocity: tuple[Array, Array]) -> Array:
+    """Deceleration of the rear vehicle behind (x, velocity), judged by the decider's parameters."""
+    leader_speed = velocity[0] * rear.cosine + velocity[1] * rear.sine
+    return idm.interaction(world.drivers, rear.speed, rear.speed - leader_speed, x - rear.x)
+
+
+def _relief(world: World, motion: Motion, rear: Rear, front: Front) -> Array:
+    """How much less a rear vehicle brakes behind ``front`` than behind the decider, m/s^2.
+
+    The free-road term is the same in both and is left out (`cancelled-free-road-term`).
+    """
+    behind_me = _followed(
+        world, rear, world.vehicles.x, (motion.velocity_x, motion.velocity_y)
+    )
+    behind_front = _followed(world, rear, front.x, (front.velocity_x, front.velocity_y))
+    relief = behind_me - jnp.where(front.exists, behind_front, 0)
+    return jnp.where(rear.exists, relief, 0)
+
+
+def recommends(world: World, motion: Motion, own: Pair, new: Pair) -> Array:
+    """Whether MOBIL recommends each vehicle a change from its lane to another.
+
+    The new rear vehicle must not brake harder than b_safe, and the gain must reach a_th:
+    a_me' - a_me + p (a_new' - a_new + a_old' - a_old) >= a_th, primes after the change. All
+    accelerations are predicted with the decider's own parameters, unclipped.
+
+    Args:
+        world: one world.
+        motion: its motion.
+        own: neighbours on the own lane.
+        new: neighbours on the candidate lane.
+
+    Returns:
+        bool [N].
+    """
+    drivers = world.drivers
+    mine = (motion.velocity_x, motion.velocity_y)
+    imposed = idm.free_road(drivers, new.rear.effort) - _followed(
+        world, new.rear, world.vehicles.x, mine
+    )
+    safe = ~new.rear.exists | (imposed >= -drivers.imposed_braking)
+    my_gain = idm.following(world, motion, own.front) - idm.following(world, motion, new.front)
+    others_gain = _relief(world, motion, own.rear, own.front) - _relief(
+        world, motion, new.rear, new.front
+    )
+    return safe & (my_gain + drivers.politeness * others_gain >= drivers.minimum_gain)
+
+
+def choose(world: World, motion: Motion, around: Neighbours) -> Array:
+    """Target lane of every driver that may start a change now; others keep theirs.
+
+    Left is tried first, then right, and right overwrites left (`right-overwrites-left`).
+
+    Args:
+        world: one world.
+        motion: its motion.
+        around: neighbours.
+
+    Returns:
+        int32 [N].
+    """
+    vehicles = world.vehicles
+    reachable = roads.reachable_lanes(world.road, vehicles.x, vehicles.y)
+    moving = due(world, motion) & (jnp.abs(vehicles.speed) >= SLOWEST_CHANGE)
+    target = vehicles.target_lane
+    for lane, new in ((motion.lane - 1, around.left), (motion.lane + 1, around.right)):
+        open_ = (reachable & roads.lane_bit(world.road, lane)) != 0
+        wanted = moving & open_ & recommends(world, motion, around.own, new)
+        target = jnp.where(wanted, lane, target)
+    return target
+
+
+def aborts(world: World, motion: Motion, chosen: Array) -> Array:
+    """Which changes under way are given up because of a rival.
+
+    A rival is another rule-based vehicle, outside the target lane, bound for it too, and ahead
+    within the desired gap. Drivers decide in list order: driver i sees the new target of j < i and
+    the old one of j > i, and a rival that has itself just given up is none any more. So ``abort``
+    is the only fixed point of abort_i = sure_i or any_j<i (contest_ij and not abort_j), which
+    iteration reaches in as many rounds as the longest chain, nearly always none.
+
+    Args:
+        world: one world.
+        motion: its motion.
+        chosen: int32 [N] targets after `choose`.
+
+    Returns:
+        bool [N].
+    """
+    vehicles, drivers = world.vehicles, world.drivers
+    target, lane = vehicles.target_lane, motion.lane
+    considers = motion.decides & drivers.changes_lanes & (target != lane)
+    index = jnp.arange(lane.shape[0])
+    earlier = index[None, :] < index[:, None]
+    seen = jnp.where(earlier, chosen[None, :], target[None, :])
+
+    me = jax.tree.map(lambda value: value[:, None], (drivers, vehicles.speed, motion.cosine, motion.sine))
+    my_drivers, speed, cosine, sine = me
+    rival_speed = motion.velocity_x[None, :] * cosine + motion.velocity_y[None, :] * sine
+    gap = vehicles.x[None, :] - vehicles.x[:, None]
+    near = (gap > 0) & (gap < idm.desired_gap(my_drivers, speed, speed - rival_speed))
+    bound_too = (vehicles.present & (drivers.kind == RULE_BASED))[None, :] & (
+        seen == target[:, None]
+    )
+    contest = considers[:, None] & bound_too & (lane[None, :] != target[:, None]) & near
+    unsettled = contest & earlier & considers[None, :]
+    sure = jnp.any(contest & ~unsettled, axis=1)
+
+    def settle(state: tuple[Array, Array]) -> tuple[Array, Array]:
+        abort, _ = state
+        settled = sure | jnp.any(unsettled & ~abort[None, :], axis=1)
+        return settled, jnp.any(settled != abort)
+
+    abort, _ = lax.while_loop(lambda state: state[1], settle, (sure, jnp.any(unsettled)))
+    return abort
+
+
+def decide(world: World, motion: Motion, around: Neighbours) -> tuple[Array, Array]:
+    """Every rule-based driver's target lane, and the timers of those that thought about it.
+
+    Args:
+        world: one world.
+        motion: its motion.
+        around: neighbours.
+
+    Returns:
+        Target lanes int32 [N] and timers [N], s.
+    """
+    chosen = choose(world, motion, around)
+    target = jnp.where(aborts(world, motion, chosen), motion.lane, chosen)
+    timer = jnp.where(due(world, motion), 0, world.vehicles.timer)
+    return target, timer

@@ -1,0 +1,99 @@
+"""What drivers see of one another: quantities of each vehicle that hold for a whole tick.
+
+Positions change only after everyone has decided, so these are computed once a tick.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
+
+import jax.numpy as jnp
+from jax import Array, lax
+
+from lanewise.world import road as roads
+from lanewise.world.state import RULE_BASED, World
+
+SMALLEST = 1e-2
+"""`not_zero` keeps numbers at least this far from zero."""
+UNROLLED = 16
+"""Up to this many vehicles a pass over them is unrolled, which fuses; beyond, it is a loop."""
+
+Carry = TypeVar("Carry")
+
+
+class Motion(NamedTuple):
+    """Derived state of every vehicle, arrays [N]."""
+
+    lane: Array
+    """int32: the closest lane."""
+    cosine: Array
+    """Of the heading."""
+    sine: Array
+    """Of the heading."""
+    velocity_x: Array
+    """speed * cosine, m/s (highway-env leaves the slip angle out)."""
+    velocity_y: Array
+    """speed * sine, m/s."""
+    effort: Array
+    """Speed over target speed, the base of the IDM's free-road term."""
+    decides: Array
+    """bool: a rule-based driver that has not crashed."""
+
+
+def not_zero(value: Array) -> Array:
+    """``value`` where its size exceeds 0.01, else plus or minus 0.01 (plus at zero).
+
+    ``highway_env.utils.not_zero``.
+
+    Args:
+        value: any shape.
+
+    Returns:
+        The same shape.
+    """
+    substitute = jnp.where(value >= 0, SMALLEST, -SMALLEST)
+    return jnp.where(jnp.abs(value) > SMALLEST, value, substitute.astype(value.dtype))
+
+
+def observe(world: World) -> Motion:
+    """Derive what a tick needs to know of every vehicle.
+
+    The effort is max(speed, 0) / |not_zero(clip(target speed, 0, limit of the own lane))|.
+
+    Args:
+        world: one world.
+
+    Returns:
+        Its motion.
+    """
+    vehicles, drivers = world.vehicles, world.drivers
+    lane = roads.closest_lane(world.road, vehicles.x, vehicles.y)
+    limit = roads.pick(world.road.speed_limit, lane)
+    target_speed = jnp.clip(drivers.target_speed, 0, limit)
+    cosine, sine = jnp.cos(vehicles.heading), jnp.sin(vehicles.heading)
+    return Motion(
+        lane=lane,
+        cosine=cosine,
+        sine=sine,
+        velocity_x=vehicles.speed * cosine,
+        velocity_y=vehicles.speed * sine,
+        effort=jnp.maximum(vehicles.speed, 0) / jnp.abs(not_zero(target_speed)),
+        decides=vehicles.present & (drivers.kind == RULE_BASED) & ~vehicles.crashed,
+    )
+
+
+def over_vehicles(count: int, body: Callable[[Array | int, Carry], Carry], start: Carry) -> Carry:
+    """Run ``body(index, carry)`` for every vehicle in list order.
+
+    Args:
+        count: number of vehicles N, static.
+        body: one pass; must accept a Python or a traced index.
+        start: first carry.
+
+    Returns:
+        The last carry.
+    """
+    if count > UNROLLED:
+        return lax.fori_loop(0, count, body, start)
+    for index in range(count):
+        start = body(index, start)
+    return start

@@ -1,0 +1,187 @@
+"""Where a vehicle is on the road: its lane, and its place relative to any lane.
+
+Lanes are few, so values of a lane are picked by elementwise selection over all lanes instead of
+a gather, which is several times slower on a CPU.
+"""
+
+import jax.numpy as jnp
+from jax import Array
+from jax.typing import ArrayLike, DTypeLike
+
+from lanewise.world.state import Road
+
+END_MARGIN = 5.0
+"""A vehicle counts as on a lane up to this far beyond either end, m."""
+NEIGHBOUR_MARGIN = 1.0
+"""A vehicle is a neighbour on a lane up to this far beyond the lane's edge, m."""
+REACHABLE_WIDTHS = 2.0
+"""A lane can be changed into from at most this many of its widths away."""
+
+
+def straight_road(
+    lanes: int,
+    width: ArrayLike = 4.0,
+    speed_limit: ArrayLike = 30.0,
+    lanes_max: int | None = None,
+    length: ArrayLike = 10_000.0,
+    dtype: DTypeLike = jnp.float32,
+) -> Road:
+    """Parallel lanes that begin at x = 0, lane 0 centred on y = 0.
+
+    Args:
+        lanes: how many lanes exist.
+        width: of every lane, m; a number or an array [lanes_max] (then of the first lane's width).
+        speed_limit: of every lane, m/s.
+        lanes_max: static number of lanes of the arrays; absent lanes fill the rest.
+        length: of every lane, m.
+        dtype: of the numbers.
+
+    Returns:
+        A road with arrays [lanes_max].
+    """
+    size = lanes if lanes_max is None else lanes_max
+    index = jnp.arange(size)
+    present = index < lanes
+
+    def every_lane(value: ArrayLike) -> Array:
+        return jnp.broadcast_to(jnp.asarray(value, dtype), (size,))
+
+    return Road(
+        present=present,
+        centre=index.astype(dtype) * every_lane(width),
+        width=every_lane(width),
+        start=every_lane(0.0),
+        end=every_lane(length),
+        speed_limit=every_lane(speed_limit),
+        open_to_change=present,
+    )
+
+
+def pick(values: Array, lane: Array) -> Array:
+    """Value of each vehicle's lane: ``values[lane]``.
+
+    Args:
+        values: [M], one per lane.
+        lane: int [N]; must be a lane's index.
+
+    Returns:
+        [N].
+    """
+    result = jnp.broadcast_to(values[0], lane.shape)
+    for index in range(1, values.shape[0]):
+        result = jnp.where(lane == index, values[index], result)
+    return result
+
+
+def closest_lane(road: Road, x: Array, y: Array) -> Array:
+    """The lane nearest to each position, the first of equals.
+
+    The distance is |y - centre| plus the overshoot beyond either end (``AbstractLane.distance``).
+    highway-env adds the angle to the lane; on a straight road it is the same for all lanes.
+
+    Args:
+        road: the road.
+        x: [N] m.
+        y: [N] m.
+
+    Returns:
+        int32 [N].
+    """
+    lane = jnp.zeros(x.shape, jnp.int32)
+    nearest = jnp.full(x.shape, jnp.inf, x.dtype)
+    for index in range(road.centre.shape[0]):
+        beyond = jnp.maximum(x - road.end[index], 0) + jnp.maximum(road.start[index] - x, 0)
+        distance = jnp.abs(y - road.centre[index]) + beyond
+        closer = road.present[index] & (distance < nearest)
+        lane = jnp.where(closer, index, lane)
+        nearest = jnp.where(closer, distance, nearest)
+    return lane
+
+
+def lateral_offset(road: Road, lane: Array, y: Array) -> Array:
+    """Distance of each vehicle from the centre line of a lane, positive to the right, m.
+
+    Args:
+        road: the road.
+        lane: int [N].
+        y: [N] m.
+
+    Returns:
+        [N].
+    """
+    return y - pick(road.centre, lane)
+
+
+def lane_bit(road: Road, lane: Array) -> Array:
+    """A lane as one bit of an integer; 0 for a lane that does not exist.
+
+    Args:
+        road: the road, of at most 31 lanes.
+        lane: int [N], may lie outside the road.
+
+    Returns:
+        int32 [N].
+    """
+    bit = jnp.zeros(lane.shape, jnp.int32)
+    for index in range(road.present.shape[0]):
+        bit = jnp.where((lane == index) & road.present[index], 1 << index, bit)
+    return bit
+
+
+def occupied_lanes(road: Road, x: Array, y: Array) -> Array:
+    """The lanes each vehicle is a neighbour on, as a set of `lane_bit`.
+
+    A vehicle between two lanes is on both: |lateral| <= width / 2 + 1 m and within 5 m of the
+    lane's ends (``AbstractLane.on_lane`` with margin 1).
+
+    Args:
+        road: the road.
+        x: [N] m.
+        y: [N] m.
+
+    Returns:
+        int32 [N].
+    """
+    lanes = jnp.zeros(x.shape, jnp.int32)
+    for index in range(road.centre.shape[0]):
+        along = x - road.start[index]
+        length = road.end[index] - road.start[index]
+        aside = jnp.abs(y - road.centre[index])
+        inside = (
+            road.present[index]
+            & (aside <= road.width[index] / 2 + NEIGHBOUR_MARGIN)
+            & (along >= -END_MARGIN)
+            & (along < length + END_MARGIN)
+        )
+        lanes = jnp.where(inside, lanes | (1 << index), lanes)
+    return lanes
+
+
+def reachable_lanes(road: Road, x: Array, y: Array) -> Array:
+    """The lanes each vehicle may change into from where it is, as a set of `lane_bit`.
+
+    ``AbstractLane.is_reachable_from``: open to change, |lateral| <= 2 widths, 0 <= along < length
+    + 5 m.
+
+    Args:
+        road: the road.
+        x: [N] m.
+        y: [N] m.
+
+    Returns:
+        int32 [N].
+    """
+    lanes = jnp.zeros(x.shape, jnp.int32)
+    for index in range(road.centre.shape[0]):
+        along = x - road.start[index]
+        length = road.end[index] - road.start[index]
+        aside = jnp.abs(y - road.centre[index])
+        inside = (
+            road.present[index]
+            & road.open_to_change[index]
+            & (aside <= REACHABLE_WIDTHS * road.width[index])
+            & (along >= 0)
+            & (along < length + END_MARGIN)
+        )
+        lanes = jnp.where(inside, lanes | (1 << index), lanes)
+    return lanes

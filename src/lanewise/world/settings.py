@@ -1,0 +1,58 @@
+"""Settings of the road's physics and of the drivers on it. Imports no JAX."""
+
+from dataclasses import dataclass
+from math import pi
+from typing import Annotated
+
+from lanewise.ranges import Between
+
+
+@dataclass(frozen=True)
+class DriverSettings:
+    """How a rule-based driver drives; the defaults are the paper's table of traffic parameters."""
+
+    target_speed: Annotated[float, Between(0.0, 60.0, "m/s")] = 12.5
+    """Desired speed of the IDM (v_desired)."""
+    comfort_acceleration: Annotated[float, Between(0.01, 10.0, "m/s^2")] = 0.5
+    """IDM acceleration a."""
+    comfort_deceleration: Annotated[float, Between(0.01, 10.0, "m/s^2")] = 0.5
+    """IDM deceleration b, as a positive number."""
+    jam_distance: Annotated[float, Between(0.0, 100.0, "m")] = 10.0
+    """IDM distance S0, centre to centre: it already contains one car length."""
+    time_gap: Annotated[float, Between(0.0, 10.0, "s")] = 1.5
+    """IDM time gap T."""
+    exponent: Annotated[float, Between(0.1, 20.0)] = 4.0
+    """IDM exponent delta of the free-road term."""
+    politeness: Annotated[float, Between(0.0, 10.0)] = 0.5
+    """MOBIL politeness p."""
+    minimum_gain: Annotated[float, Between(-10.0, 10.0, "m/s^2")] = 0.2
+    """MOBIL threshold: a change must gain at least this."""
+    imposed_braking: Annotated[float, Between(0.0, 20.0, "m/s^2")] = 2.0
+    """MOBIL safety: the hardest braking a change may force on the new rear vehicle."""
+    change_delay: Annotated[float, Between(0.0, 60.0, "s")] = 1.0
+    """A driver thinks about a lane change when its timer is strictly above this."""
+    acceleration_limit: Annotated[float, Between(0.0, 20.0, "m/s^2")] = 1.0
+    """Accelerations are clipped to plus and minus this."""
+    steering_limit: Annotated[float, Between(0.0, 1.5, "rad")] = pi / 36
+    """Steering angles are clipped to plus and minus this."""
+    changes_lanes: bool = True
+    """Whether the driver changes lanes at all."""
+
+
+PAPER_DRIVER = DriverSettings()
+
+HIGHWAY_ENV_DRIVER = DriverSettings(
+    target_speed=25.0,
+    comfort_acceleration=3.0,
+    comfort_deceleration=5.0,
+    jam_distance=10.0,
+    time_gap=1.5,
+    exponent=4.0,
+    politeness=0.0,
+    minimum_gain=0.2,
+    imposed_braking=2.0,
+    change_delay=1.0,
+    acceleration_limit=6.0,
+    steering_limit=pi / 3,
+)
+"""highway-env's own defaults (its exponent is drawn per vehicle from [3.5, 4.5])."""

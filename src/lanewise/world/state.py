@@ -1,0 +1,125 @@
+"""The state of one world: a road, its drivers, and the vehicles on it, as flat arrays.
+
+Shapes: ``N`` vehicles and ``M`` lanes, both static maxima; ``present`` masks tell which exist.
+Frame: x along the road, y across it, growing to the right (lane 0 is the leftmost);
+headings in radians, positive to the right. Vehicle order is meaningful: it is the order in
+which highway-env lets vehicles decide and breaks ties. The ego, where there is one, is vehicle 0.
+Every array is written for one world; callers batch with ``jax.vmap``.
+"""
+
+from dataclasses import dataclass
+
+import jax
+from jax import Array
+
+EXTERNAL = 0
+"""Driver kind: commands come from outside (the ego). A plain ``Vehicle`` of highway-env."""
+CONSTANT = 1
+"""Driver kind: keeps its commands for ever (the trap cars). A plain ``Vehicle`` of highway-env."""
+RULE_BASED = 2
+"""Driver kind: IDM along the road, MOBIL across it. An ``IDMVehicle`` of highway-env."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Road:
+    """Straight parallel lanes; nobody else knows how wide a lane is."""
+
+    present: Array
+    """bool [M]: does the lane exist."""
+    centre: Array
+    """[M] lateral position of the centre line, m."""
+    width: Array
+    """[M] m."""
+    start: Array
+    """[M] where the lane begins, m."""
+    end: Array
+    """[M] where the lane ends, m."""
+    speed_limit: Array
+    """[M] m/s."""
+    open_to_change: Array
+    """bool [M]: may drivers change into this lane."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Drivers:
+    """Who drives each vehicle, and how; constant through an episode. Fields as `DriverSettings`."""
+
+    kind: Array
+    """int32 [N]: EXTERNAL, CONSTANT or RULE_BASED."""
+    target_speed: Array
+    """[N] m/s; 0 for a plain vehicle reproduces highway-env's quirk `missing-target-speed`."""
+    comfort_acceleration: Array
+    """[N] m/s^2."""
+    comfort_deceleration: Array
+    """[N] m/s^2, positive."""
+    jam_distance: Array
+    """[N] m, centre to centre."""
+    time_gap: Array
+    """[N] s."""
+    exponent: Array
+    """[N]."""
+    politeness: Array
+    """[N]."""
+    minimum_gain: Array
+    """[N] m/s^2."""
+    imposed_braking: Array
+    """[N] m/s^2, positive."""
+    change_delay: Array
+    """[N] s."""
+    acceleration_limit: Array
+    """[N] m/s^2."""
+    steering_limit: Array
+    """[N] rad."""
+    changes_lanes: Array
+    """bool [N]."""
+    checks_collisions: Array
+    """bool [N]: a pair is checked when either of the two checks."""
+    length: Array
+    """[N] m."""
+    width: Array
+    """[N] m."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Vehicles:
+    """Where the vehicles are and what they are about to do."""
+
+    present: Array
+    """bool [N]."""
+    x: Array
+    """[N] centre along the road, m."""
+    y: Array
+    """[N] centre across the road, m, positive to the right."""
+    heading: Array
+    """[N] rad, positive to the right, not wrapped."""
+    speed: Array
+    """[N] m/s, along the heading; may be negative."""
+    slip_sine: Array
+    """[N] sine of the commanded slip angle: sin(atan(tan(steering) / 2))."""
+    acceleration: Array
+    """[N] commanded acceleration, m/s^2."""
+    target_lane: Array
+    """int32 [N] lane a rule-based driver follows; differs from its lane while it changes."""
+    timer: Array
+    """[N] s since the driver last thought about a lane change."""
+    crashed: Array
+    """bool [N]."""
+    impacted: Array
+    """bool [N]: a predicted hit moves this vehicle on the next tick."""
+    impact_x: Array
+    """[N] displacement of that hit, m."""
+    impact_y: Array
+    """[N] m."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class World:
+    """All there is: a step is a pure function from one `World` to the next."""
+
+    road: Road
+    drivers: Drivers
+    vehicles: Vehicles

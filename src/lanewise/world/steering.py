@@ -1,0 +1,68 @@
+"""Lane keeping: a lateral gain inside a heading gain, as the sine of a slip angle.
+
+``highway_env.vehicle.controller.ControlledVehicle.steering_control`` turns the slip angle into a
+steering angle, and the bicycle model turns it back; the sine of the slip angle is all that is left.
+"""
+
+import jax.numpy as jnp
+from jax import Array
+
+from lanewise.world import road as roads
+from lanewise.world.motion import not_zero
+from lanewise.world.state import World
+
+LATERAL_GAIN = 1 / 0.6
+"""1/s."""
+HEADING_GAIN = 1 / 0.2
+"""1/s."""
+SINE_OF_STEEPEST = 0.5**0.5
+"""Sine of the steepest heading a lane keeper asks for, 45 degrees."""
+
+
+def slip_sine(steering: Array) -> Array:
+    """Sine of the slip angle of a steering angle, sin(atan(tan(steering) / 2)).
+
+    Args:
+        steering: rad, any shape, within plus or minus pi/2.
+
+    Returns:
+        The same shape.
+    """
+    half_tangent = jnp.tan(steering) / 2
+    return half_tangent / jnp.sqrt(1 + half_tangent * half_tangent)
+
+
+def wrapped(angle: Array) -> Array:
+    """An angle brought into [-pi, pi), rad.
+
+    Args:
+        angle: any shape.
+
+    Returns:
+        The same shape.
+    """
+    return angle - 2 * jnp.pi * jnp.floor((angle + jnp.pi) / (2 * jnp.pi))
+
+
+def keep_lane(world: World, target_lane: Array) -> Array:
+    """Sine of the slip angle with which every vehicle steers to the centre of its target lane.
+
+    sin(reference) = clip(-k_y offset / v, sin 45 deg); sin(slip) = clip(L / (2 v) k_psi
+    wrap(reference - heading)), limited by the steering limit.
+
+    Args:
+        world: one world.
+        target_lane: int32 [N].
+
+    Returns:
+        [N].
+    """
+    vehicles = world.vehicles
+    speed = not_zero(vehicles.speed)
+    offset = roads.lateral_offset(world.road, target_lane, vehicles.y)
+    reference = jnp.arcsin(
+        jnp.clip(-LATERAL_GAIN * offset / speed, -SINE_OF_STEEPEST, SINE_OF_STEEPEST)
+    )
+    turn_rate = HEADING_GAIN * wrapped(reference - vehicles.heading)
+    limit = slip_sine(world.drivers.steering_limit)
+    return jnp.clip(world.drivers.length / 2 / speed * turn_rate, -limit, limit)
