@@ -315,6 +315,10 @@ def _by_name(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
             below = {name: value}
         elif is_section:
             raise SettingsError(f"{name} is a section, not a setting; write [{name}]")
+        elif isinstance(value, Mapping):
+            sections = dict.fromkeys(option.rpartition(".")[0] for option in known)
+            hint = nearest(name, sections) or "known: " + ", ".join(sections)
+            raise SettingsError(f'unknown section "{name[:80]}"; {hint}')
         else:
             raise SettingsError(unknown_setting(name))
         if found.keys() & below.keys():

@@ -47,8 +47,9 @@ class Progress:
         if self._bar is not None:
             if self._task is not None:
                 self._bar.stop_task(self._task)
-            self._task = self._bar.add_task(escape(name), total=total, metrics="")
-            self._bar.update(self._task, completed=done)
+            self._task = self._bar.add_task(
+                escape(name), total=total, completed=int(done), metrics=""
+            )
         else:
             self._line(f"{name}: starting" if done == 0 else f"{name}: continuing")
 
@@ -69,7 +70,7 @@ class Progress:
     def note(self, text: str) -> None:
         """Writes a line that stays, such as a warning."""
         if self._bar is not None:
-            self._bar.console.print(escape(text))
+            self._bar.console.print(text, markup=False, highlight=False, soft_wrap=True)
         else:
             self._line(text)
 
@@ -106,6 +107,8 @@ def _make_bar(stream: TextIO) -> Bar:
         TimeRemainingColumn(),
         TextColumn("{task.fields[metrics]}"),
         console=Console(file=stream),
+        # Updates may be far apart; by default those older than 30 s do not count.
+        speed_estimate_period=600.0,
     )
 
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
 from lanewise.errors import SettingsError
@@ -129,8 +130,8 @@ class Kind:
     def _noun(self) -> str:
         if isinstance(self.bound, OneOf):
             return str(self.bound)
-        names = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
-        return names[self.type]
+        names = {bool: "true or false", int: "a whole number", float: "a number", Path: "a path"}
+        return names.get(self.type, "text")
 
     def __str__(self) -> str:
         if self.length is None:
@@ -148,7 +149,7 @@ def show(value: object) -> str:
     if isinstance(value, tuple | list):
         return "[" + ", ".join(show(member) for member in value[:8]) + "]"
     try:
-        return repr(value)[:80]
+        return str(value)[:80]
     except ValueError:  # Python refuses to print integers of many thousand digits.
         return "a number too long to print"
 

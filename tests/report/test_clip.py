@@ -6,7 +6,7 @@ import subprocess
 import imageio_ffmpeg
 import numpy as np
 import pytest
-from conftest import make_recording
+from fabricate import make_recording
 from PIL import Image
 
 from lanewise.errors import LanewiseError
@@ -188,3 +188,19 @@ def test_words_do_not_overlap(recording, monkeypatch):
         assert 0 <= top < bottom <= height
         for a, b, c, d in boxes[:number]:
             assert right <= a or c <= left or bottom <= b or d <= top
+
+
+def test_an_encoder_that_does_not_finish_is_noticed(tmp_path, monkeypatch):
+    monkeypatch.setattr(imageio_ffmpeg, "count_frames_and_secs", lambda path: (3, 0.3))
+    with pytest.raises(LanewiseError, match="did not finish"):
+        clip.render(make_recording(seconds=1.0), tmp_path / "c.mp4", SMALL)
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_ffmpeg_is_one_line(tmp_path, monkeypatch):
+    def missing():
+        raise RuntimeError("No ffmpeg exe could be found.\nInstall it.")
+
+    monkeypatch.setattr(imageio_ffmpeg, "get_ffmpeg_exe", missing)
+    with pytest.raises(LanewiseError, match=r"a \.gif instead"):
+        clip.render(make_recording(seconds=1.0), tmp_path / "c.mp4", SMALL)

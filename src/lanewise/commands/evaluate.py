@@ -1,5 +1,7 @@
 """``lanewise evaluate``: tests a trained controller on the test start."""
 
+import json
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -7,6 +9,7 @@ from typing import Annotated
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.train import SEEDS
 from lanewise.controllers.settings import RENEWALS
+from lanewise.progress import Progress
 from lanewise.ranges import Between, OneOf
 from lanewise.runs.folder import RunFolder
 
@@ -36,16 +39,22 @@ class Evaluate:
 def run(parsed: Parsed[Evaluate]) -> int:
     """Tests; returns the exit code."""
     command = parsed.command
-    folder = RunFolder.open(command.run)
-    from lanewise.evaluation.command import evaluate
+    RunFolder.open(command.run)
+    from lanewise.commands import testing
+    from lanewise.evaluation import metrics
+    from lanewise.report import files, table
+    from lanewise.runs import trained
 
-    evaluate(
-        folder,
-        world=command.world,
-        episodes=command.episodes,
-        seed=command.seed,
-        renewal=command.renewal,
-        as_json=command.json,
-        episodes_out=command.episodes_out,
-    )
+    controller = trained.load(command.run)
+    with Progress() as reporter:
+        episodes = testing.test(
+            controller, command.world, command.episodes, command.seed, reporter, command.renewal
+        )
+    summary = metrics.summarise(episodes, controller=controller.name, world=command.world)
+    if command.episodes_out is not None:
+        files.write_csv(command.episodes_out, episodes)
+    if command.json:
+        sys.stdout.write(json.dumps(summary.to_json()) + "\n")
+    else:
+        sys.stdout.write(table.text([summary]))
     return 0

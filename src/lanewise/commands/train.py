@@ -1,5 +1,6 @@
 """``lanewise train``: trains a controller into a run folder, or continues one."""
 
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -52,17 +53,11 @@ def run(parsed: Parsed[Train]) -> int:
         if RunFolder.open(command.high_level).controller != "hierarchical":
             raise RunError(f"{command.high_level} is not a run of a hierarchical controller")
     with _folder(parsed) as folder:
-        from lanewise.training.run import train
+        from lanewise.runs.train import train
 
-        with Progress() as progress:
-            train(
-                folder.settings,
-                folder.controller,
-                folder.seed,
-                folder,
-                command.high_level,
-                progress,
-            )
+        with Progress() as reporter:
+            train(folder, command.high_level, reporter)
+        sys.stderr.write(f"finished: {folder.path}; lanewise evaluate {folder.path} tests it\n")
     return 0
 
 

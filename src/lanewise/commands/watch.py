@@ -1,5 +1,6 @@
 """``lanewise watch``: draws an episode from above into a GIF or MP4."""
 
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -35,8 +36,16 @@ def run(parsed: Parsed[Watch]) -> int:
     command = parsed.command
     if command.out.suffix.lower() not in FORMATS:
         raise SettingsError(f"--out must end in .gif or .mp4, got {command.out}")
-    folder = RunFolder.open(command.run)
-    from lanewise.report.clip import watch
+    RunFolder.open(command.run)
+    from lanewise.commands import testing
+    from lanewise.report import extras
+    from lanewise.runs import trained
 
-    watch(folder, command.out, seed=command.seed, episode=command.episode, world=command.world)
+    extras.check()
+    from lanewise.report import clip
+
+    controller = trained.load(command.run)
+    recording = testing.record(controller, command.world, command.seed, command.episode)
+    clip.render(recording, command.out)
+    sys.stderr.write(f"wrote {command.out}\n")
     return 0

@@ -64,21 +64,36 @@ def step(
     acceleration, steering = actions.commands(settings.actions, action, dtype)
     world = bicycle.command(episode.world, acceleration, steering)
     world = tick.run(world, settings.tick_duration, settings.ticks_per_decision)
-    decisions = episode.decisions + 1
+    return judge(settings, episode, world, action, duration)
 
+
+def judge(
+    settings: DrivingSettings, before: Episode, world: World, action: Array, duration: int
+) -> tuple[Episode, Outcome]:
+    """What a decision led to, given the world after it, whoever simulated it.
+
+    Args:
+        settings: the decision process.
+        before: the episode before the decision.
+        world: the world after it.
+        action: int32 [] low-level action index of the decision.
+        duration: decisions after which the episode is truncated.
+
+    Returns:
+        The episode after the decision, and its outcome.
+    """
+    _, steering = actions.commands(settings.actions, action, world.vehicles.x.dtype)
+    decisions = before.decisions + 1
     accident = accidents.of_ego(world, settings.stopped_speed)
     terminated = accident != accidents.NONE
+    offset = observation.lane_offset(world)
     outcome = Outcome(
         reward=reward.total(
-            settings.reward,
-            world.vehicles.speed[0],
-            observation.lane_offset(world),
-            steering,
-            terminated,
+            settings.reward, world.vehicles.speed[0], offset, steering, terminated
         ),
         accident=accident,
         terminated=terminated,
         truncated=(decisions >= duration) & ~terminated,
     )
-    escaped = episode.escaped | (trap.escaped(world) & ~terminated)
+    escaped = before.escaped | (trap.escaped(world) & ~terminated)
     return Episode(world=world, decisions=decisions, escaped=escaped), outcome

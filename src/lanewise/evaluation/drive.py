@@ -21,7 +21,7 @@ from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
-from lanewise.world.state import World
+from lanewise.world.state import Vehicles, World
 
 BLOCK = 100
 """Episodes driven at once."""
@@ -189,16 +189,31 @@ def _record(course: TestCourse, parameters: Parameters, world: World) -> Any:
 def record(course: TestCourse, parameters: Parameters, seed: int, index: int) -> Recording:
     """Drive episode ``index`` of ``seed`` and keep every frame."""
     world = start(course, seed, index)
-    vehicles, memory, sums, reward = jax.device_get(_record(course, parameters, world))
+    frames = jax.device_get(_record(course, parameters, world))
+    return recording(course, jax.device_get(world), *frames)
+
+
+def recording(
+    course: TestCourse, world: World, vehicles: Vehicles, memory: Any, sums: Sums, reward: Array
+) -> Recording:
+    """A recording from the start and what was gathered after each decision.
+
+    Args:
+        course: the test.
+        world: at the start.
+        vehicles: [T, N] after each decision; what follows the episode's end is left out.
+        memory: [T] the controller's.
+        sums: [T].
+        reward: [T] of each decision.
+    """
     frames = int(sums.decisions[-1])
-    world = jax.device_get(world)
 
-    def track(name: str) -> Any:
-        first = getattr(world.vehicles, name)[None]
-        return np.concatenate([first, getattr(vehicles, name)[:frames]])
+    def track(name: str, dtype: type = np.float64) -> Any:
+        first = np.asarray(getattr(world.vehicles, name))[None]
+        return np.concatenate([first, getattr(vehicles, name)[:frames]]).astype(dtype)
 
-    def padded(values: Any, first: Any) -> Any:
-        return np.concatenate([[first], np.asarray(values)[:frames]])
+    def padded(values: Any, first: Any, dtype: type = np.float64) -> Any:
+        return np.concatenate([[first], np.asarray(values)[:frames]]).astype(dtype)
 
     with_goals = isinstance(memory, GoalMemory)
     lane = memory.goal.lane if with_goals else np.full(frames, -1)
@@ -206,21 +221,21 @@ def record(course: TestCourse, parameters: Parameters, seed: int, index: int) ->
     return Recording(
         controller=course.controller.name,
         time=np.arange(frames + 1) / course.driving.decision_frequency,
-        x=track("x").astype(np.float64),
-        y=track("y").astype(np.float64),
-        heading=track("heading").astype(np.float64),
-        speed=track("speed").astype(np.float64),
-        crashed=track("crashed"),
+        x=track("x"),
+        y=track("y"),
+        heading=track("heading"),
+        speed=track("speed"),
+        crashed=track("crashed", np.bool_),
         present=np.asarray(world.vehicles.present),
         role=np.asarray(trap.roles(course.scenario), np.int8),
         length=np.asarray(world.drivers.length, np.float64),
         width=np.asarray(world.drivers.width, np.float64),
         lane_centre=np.asarray(world.road.centre, np.float64),
         lane_width=np.asarray(world.road.width, np.float64),
-        goal_lane=padded(lane, lane[0]).astype(np.int64),
-        goal_speed=padded(speed, speed[0]).astype(np.float64),
-        reward=padded(reward, 0.0).astype(np.float64),
-        accumulated_reward=padded(sums.reward, 0.0).astype(np.float64),
-        escaped=padded(sums.escape > 0, False).astype(np.bool_),
+        goal_lane=padded(lane, lane[0], np.int64),
+        goal_speed=padded(speed, speed[0]),
+        reward=padded(reward, 0.0),
+        accumulated_reward=padded(sums.reward, 0.0),
+        escaped=padded(sums.escape > 0, False, np.bool_),
         accident=int(sums.accident[-1]),
     )

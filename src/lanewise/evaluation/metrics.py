@@ -119,7 +119,7 @@ METRICS = (
     Metric(
         "reward_per_second",
         "reward/s",
-        "1/s",
+        "",
         "sum of all accumulated rewards over the sum of all durations",
         _reward_per_second,
     ),

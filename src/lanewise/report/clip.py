@@ -120,14 +120,24 @@ def _mp4(recording: Recording, path: Path, size: tuple[int, int]) -> None:
         import imageio_ffmpeg
 
     try:
-        # yuv420 halves the colour resolution, hence even sizes; 2 keeps ours as it is.
-        writer = imageio_ffmpeg.write_frames(
-            str(path), size, fps=FRAME_RATE, quality=8, macro_block_size=2, ffmpeg_log_level="error"
-        )
+        imageio_ffmpeg.get_ffmpeg_exe()
     except RuntimeError as error:
-        raise LanewiseError(f"no ffmpeg for an MP4 clip ({error}); a .gif needs none") from error
+        raise LanewiseError("there is no ffmpeg for an MP4 clip; write a .gif instead") from error
+    # yuv420 halves the colour resolution, hence even sizes; 2 keeps ours as it is.
+    writer = imageio_ffmpeg.write_frames(
+        str(path), size, fps=FRAME_RATE, quality=8, macro_block_size=2, ffmpeg_log_level="quiet"
+    )
+    sent = -1  # the first thing sent only starts the encoder
     try:
         for image in chain((None,), _frames(recording, size)):
             writer.send(None if image is None else image.tobytes())
+            sent += 1
     finally:
         writer.close()
+    # An encoder that runs out of room while finishing raises nothing.
+    try:
+        stored, _ = imageio_ffmpeg.count_frames_and_secs(str(path))
+    except RuntimeError:
+        stored = 0
+    if stored != sent:
+        raise OSError("the video encoder did not finish; is there room on the disk?")

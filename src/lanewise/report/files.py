@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from lanewise.errors import LanewiseError
@@ -31,7 +31,8 @@ def replacing(path: Path | str) -> Iterator[Path]:
         reason = error.strerror or (str(error).splitlines() or ["unknown reason"])[0]
         raise LanewiseError(f"cannot write {path}: {reason}") from error
     finally:
-        beside.unlink(missing_ok=True)
+        with suppress(OSError):  # gone already, or never there
+            beside.unlink()
 
 
 def check_suffix(path: Path | str, allowed: tuple[str, ...]) -> str:

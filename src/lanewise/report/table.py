@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from math import isfinite, nan
 from typing import Any
 
+from lanewise.evaluation.episodes import ACCIDENTS
 from lanewise.evaluation.metrics import (
     METRICS,
     PUBLISHED,
@@ -17,10 +18,11 @@ from lanewise.evaluation.statistics import Interval
 from lanewise.report.escape import cell
 
 NOTE = (
-    "In parentheses 95 % intervals: exact (Clopper-Pearson) for shares of episodes, "
-    "Student's over episodes for means."
+    "In parentheses 95 % intervals: exact (Clopper-Pearson) for shares of episodes,",
+    "Student's for means over episodes, the delta method's for ratios of sums.",
 )
-CAUSES = ("collision", "off_road", "stopped")
+"""Two lines, each short enough for a terminal."""
+CAUSES = ACCIDENTS[1:]
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ def markdown(summaries: Sequence[Summary]) -> str:
     lines = ["| | " + " | ".join(cell(head) for head in heads) + " |"]
     lines.append("|---|" + "---:|" * len(heads))
     lines += [f"| {cell(title)} | " + " | ".join(cells) + " |" for title, cells in rows]
-    return "\n".join([*lines, "", NOTE]) + "\n"
+    return "\n".join([*lines, "", *NOTE]) + "\n"
 
 
 def text(summaries: Sequence[Summary]) -> str:
@@ -84,7 +86,7 @@ def text(summaries: Sequence[Summary]) -> str:
         ]
         rule = "-" * len(lines[0])
         blocks.append("\n".join([lines[0].rstrip(), rule, *(line.rstrip() for line in lines[1:])]))
-    return "\n\n".join([*blocks, NOTE.replace(": ", ":\n", 1)]) + "\n"
+    return "\n\n".join([*blocks, "\n".join(NOTE)]) + "\n"
 
 
 def to_json(summaries: Sequence[Summary]) -> list[dict[str, Any]]:

@@ -58,7 +58,12 @@ class Checkpoint:
 
 def checkpoint_name(stage: int, chunk: int) -> str:
     """A name that sorts by time: stages follow one another, chunks count up within a stage."""
-    return f"stage-{stage:02d}-chunk-{chunk:08d}"
+    return f"{stage_prefix(stage)}chunk-{chunk:08d}"
+
+
+def stage_prefix(stage: int) -> str:
+    """How the names of a stage's checkpoints begin."""
+    return f"stage-{stage:02d}-"
 
 
 def save(

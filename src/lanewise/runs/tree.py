@@ -62,7 +62,8 @@ def _shape(leaf: Any) -> jax.ShapeDtypeStruct:
         return raw
     # Not eval_shape: without x64 it would turn a NumPy leaf's int64 into int32.
     leaf = leaf if hasattr(leaf, "dtype") else np.asarray(leaf)
-    return jax.ShapeDtypeStruct(leaf.shape, leaf.dtype)
+    shape: jax.ShapeDtypeStruct = jax.ShapeDtypeStruct(leaf.shape, leaf.dtype)  # type: ignore[no-untyped-call]
+    return shape
 
 
 def _restore(name: str, leaf: Any, arrays: Mapping[str, np.ndarray]) -> Any:

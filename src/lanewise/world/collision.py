@@ -9,10 +9,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax import Array
+from jax import Array, lax
 from jax.typing import ArrayLike
 
-from lanewise.world.motion import over_vehicles
+from lanewise.world import sets
 from lanewise.world.state import World
 
 
@@ -123,12 +123,78 @@ def overlap(a: Box, b: Box, duration: ArrayLike) -> Overlap:
     return Overlap(now, soon, least * way_x, least * way_y)
 
 
+def may_touch(boxes_: Box, other: int, duration: ArrayLike) -> Array:
+    """Which boxes a box might touch: a quick test that never misses a pair.
+
+    Far centres, or boxes that stay apart across the heading of the first, cannot touch.
+
+    Args:
+        boxes_: of all vehicles, [N].
+        other: the other vehicle of each pair, static.
+        duration: of the tick, s.
+
+    Returns:
+        bool [N].
+    """
+    mine, theirs = boxes_, Box(*(value[other] for value in boxes_))
+    apart_x, apart_y = mine.x - theirs.x, mine.y - theirs.y
+    first = jnp.arange(mine.x.shape[0]) < other
+    speed = jnp.where(first, mine.speed, theirs.speed)
+    reach = mine.half_diagonal + theirs.half_diagonal + speed * duration
+    near = jnp.sqrt(apart_x * apart_x + apart_y * apart_y) <= reach
+    cosine = jnp.abs(mine.cosine * theirs.cosine + mine.sine * theirs.sine)
+    turn = mine.cosine * theirs.sine - mine.sine * theirs.cosine
+    width = mine.half_width + theirs.half_length * jnp.abs(turn) + theirs.half_width * cosine
+    centre = mine.cosine * apart_y - mine.sine * apart_x
+    # The own velocity has no part across the own heading.
+    shift = -theirs.speed * turn * duration
+    apart = (centre + jnp.minimum(shift, 0) > width) | (centre + jnp.maximum(shift, 0) < -width)
+    return near & ~apart
+
+
+def candidates(world: World, duration: ArrayLike) -> sets.Words:
+    """The vehicles each vehicle must be tested against.
+
+    A pair is tested when both are present and either checks collisions.
+
+    Args:
+        world: one world.
+        duration: of the tick, s.
+
+    Returns:
+        For each vehicle a set of vehicles, [N].
+    """
+    present, checks = world.vehicles.present, world.drivers.checks_collisions
+    all_boxes = boxes(world)
+    count = present.shape[0]
+    index = jnp.arange(count)
+
+    def tested(other: int) -> Array:
+        pair = present & present[other] & (checks | checks[other]) & (index != other)
+        return pair & may_touch(all_boxes, other, duration)
+
+    return sets.where(count, tested)
+
+
+class Outcome(NamedTuple):
+    """What collisions do to each vehicle, arrays [N]."""
+
+    crashed: Array
+    """bool."""
+    impacted: Array
+    """bool."""
+    impact_x: Array
+    """m."""
+    impact_y: Array
+    """m."""
+
+
 def resolve(world: World, duration: ArrayLike) -> World:
     """Crash vehicles that overlap and set impacts on those about to.
 
-    A pair is tested when either checks collisions. Each of the two is moved by half the way out.
-    Pairs come in list order and later ones overwrite, so of several impacts on a vehicle the one
-    with the last other vehicle stays (`last-impact-wins`).
+    Each of a pair is moved by half the way out. Pairs come in list order and later ones
+    overwrite, so of several impacts on a vehicle the one with the last other vehicle stays
+    (`last-impact-wins`): every vehicle goes through its candidates in rising order.
 
     Args:
         world: one world, vehicles already moved.
@@ -137,37 +203,32 @@ def resolve(world: World, duration: ArrayLike) -> World:
     Returns:
         The world with `crashed` and impacts set.
     """
-    vehicles, drivers = world.vehicles, world.drivers
+    vehicles = world.vehicles
     mine = boxes(world)
-    index = jnp.arange(vehicles.x.shape[0])
+    count = vehicles.x.shape[0]
+    index = jnp.arange(count)
 
-    def meet(other: Array | int, state: tuple[Array, Array, Array, Array]) -> tuple[Array, ...]:
-        crashed, impacted, impact_x, impact_y = state
-        theirs = Box(*(value[other] for value in mine))
+    def meet(state: tuple[sets.Words, Outcome]) -> tuple[sets.Words, Outcome]:
+        left, so_far = state
+        other = sets.smallest(left)
+        theirs = Box(*(sets.chosen(value, index, other) for value in mine))
         first = index < other
         a = Box(*(jnp.where(first, m, t) for m, t in zip(mine, theirs, strict=True)))
         b = Box(*(jnp.where(first, t, m) for m, t in zip(mine, theirs, strict=True)))
-        outcome = overlap(a, b, duration)
-        tested = (
-            (index != other)
-            & vehicles.present
-            & vehicles.present[other]
-            & (drivers.checks_collisions | drivers.checks_collisions[other])
-        )
-        hit = tested & outcome.soon
+        pair = overlap(a, b, duration)
+        tested = other >= 0
+        hit = tested & pair.soon
         share = jnp.where(first, 0.5, -0.5).astype(vehicles.x.dtype)
-        return (
-            crashed | (tested & outcome.now),
-            impacted | hit,
-            jnp.where(hit, share * outcome.x, impact_x),
-            jnp.where(hit, share * outcome.y, impact_y),
+        after = Outcome(
+            crashed=so_far.crashed | (tested & pair.now),
+            impacted=so_far.impacted | hit,
+            impact_x=jnp.where(hit, share * pair.x, so_far.impact_x),
+            impact_y=jnp.where(hit, share * pair.y, so_far.impact_y),
         )
+        return sets.without(left, sets.single(other, count)), after
 
-    start = (vehicles.crashed, vehicles.impacted, vehicles.impact_x, vehicles.impact_y)
-    crashed, impacted, impact_x, impact_y = over_vehicles(vehicles.x.shape[0], meet, start)
-    return replace(
-        world,
-        vehicles=replace(
-            vehicles, crashed=crashed, impacted=impacted, impact_x=impact_x, impact_y=impact_y
-        ),
+    before = Outcome(vehicles.crashed, vehicles.impacted, vehicles.impact_x, vehicles.impact_y)
+    _, after = lax.while_loop(
+        lambda state: jnp.any(sets.inhabited(state[0])), meet, (candidates(world, duration), before)
     )
+    return replace(world, vehicles=replace(vehicles, **after._asdict()))

@@ -4,11 +4,10 @@ Kesting, Treiber, Helbing, "General lane-changing model MOBIL for car-following 
 in the form of ``highway_env.vehicle.behavior.IDMVehicle.change_lane_policy``.
 """
 
-import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from lanewise.world import idm
+from lanewise.world import idm, sets
 from lanewise.world import road as roads
 from lanewise.world.motion import Motion
 from lanewise.world.neighbours import Front, Neighbours, Pair, Rear
@@ -134,28 +133,35 @@ def aborts(world: World, motion: Motion, chosen: Array) -> Array:
     vehicles, drivers = world.vehicles, world.drivers
     target, lane = vehicles.target_lane, motion.lane
     considers = motion.decides & drivers.changes_lanes & (target != lane)
-    index = jnp.arange(lane.shape[0])
-    earlier = index[None, :] < index[:, None]
-    seen = jnp.where(earlier, chosen[None, :], target[None, :])
+    rule_based = vehicles.present & (drivers.kind == RULE_BASED)
+    count = lane.shape[0]
+    index = jnp.arange(count)
 
-    me = jax.tree.map(lambda value: value[:, None], (drivers, vehicles.speed, motion.cosine, motion.sine))
-    my_drivers, speed, cosine, sine = me
-    rival_speed = motion.velocity_x[None, :] * cosine + motion.velocity_y[None, :] * sine
-    gap = vehicles.x[None, :] - vehicles.x[:, None]
-    near = (gap > 0) & (gap < idm.desired_gap(my_drivers, speed, speed - rival_speed))
-    bound_too = (vehicles.present & (drivers.kind == RULE_BASED))[None, :] & (
-        seen == target[:, None]
+    def contests(other: int) -> Array:
+        rival_speed = (
+            motion.velocity_x[other] * motion.cosine + motion.velocity_y[other] * motion.sine
+        )
+        gap = vehicles.x[other] - vehicles.x
+        wanted = idm.desired_gap(drivers, vehicles.speed, vehicles.speed - rival_speed)
+        seen = jnp.where(other < index, chosen[other], target[other])
+        bound_too = rule_based[other] & (seen == target) & (lane[other] != target)
+        return considers & bound_too & (gap > 0) & (gap < wanted)
+
+    rivals = sets.where(count, contests)
+    undecided = sets.both(
+        sets.below(index, count), sets.where(count, lambda other: considers[other])
     )
-    contest = considers[:, None] & bound_too & (lane[None, :] != target[:, None]) & near
-    unsettled = contest & earlier & considers[None, :]
-    sure = jnp.any(contest & ~unsettled, axis=1)
+    unsettled = sets.both(rivals, undecided)
+    sure = sets.inhabited(sets.without(rivals, undecided))
 
     def settle(state: tuple[Array, Array]) -> tuple[Array, Array]:
         abort, _ = state
-        settled = sure | jnp.any(unsettled & ~abort[None, :], axis=1)
+        given_up = sets.where(count, lambda other: abort[other])
+        settled = sure | sets.inhabited(sets.without(unsettled, given_up))
         return settled, jnp.any(settled != abort)
 
-    abort, _ = lax.while_loop(lambda state: state[1], settle, (sure, jnp.any(unsettled)))
+    start = sure, jnp.any(sets.inhabited(unsettled))
+    abort, _ = lax.while_loop(lambda state: state[1], settle, start)
     return abort
 
 

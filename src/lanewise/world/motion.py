@@ -14,7 +14,7 @@ from lanewise.world.state import RULE_BASED, World
 
 SMALLEST = 1e-2
 """`not_zero` keeps numbers at least this far from zero."""
-UNROLLED = 16
+UNROLLED = 0
 """Up to this many vehicles a pass over them is unrolled, which fuses; beyond, it is a loop."""
 
 Carry = TypeVar("Carry")

@@ -1,16 +1,19 @@
 """The nearest vehicle ahead and behind, on the lanes a driver cares about.
 
-One pass over the vehicles answers three queries for every vehicle at once, carrying what drivers
-need of the nearest so far: no sorting, no gather.
+Vehicles are ranked by position once; then a lane is a set of ranks, and the nearest vehicle on
+either side is the next member of that set.
 """
 
+from functools import reduce
+from operator import or_
 from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
 
 from lanewise.world import road as roads
-from lanewise.world.motion import Motion, over_vehicles
+from lanewise.world import sets
+from lanewise.world.motion import Motion
 from lanewise.world.state import World
 
 
@@ -20,7 +23,7 @@ class Front(NamedTuple):
     exists: Array
     """bool."""
     x: Array
-    """m; infinite where none exists."""
+    """m; meaningless where none exists, as are all other values."""
     velocity_x: Array
     """m/s."""
     velocity_y: Array
@@ -33,7 +36,7 @@ class Rear(NamedTuple):
     exists: Array
     """bool."""
     x: Array
-    """m; minus infinite where none exists."""
+    """m; meaningless where none exists, as are all other values."""
     speed: Array
     """m/s."""
     cosine: Array
@@ -62,56 +65,110 @@ class Neighbours(NamedTuple):
     """On the lane to its right."""
 
 
-def search(world: World, motion: Motion, lane_bits: tuple[Array, ...]) -> tuple[Pair, ...]:
+class Order(NamedTuple):
+    """The vehicles sorted by x, of equals the last in the list first; arrays [N]."""
+
+    place: Array
+    """int32: how many vehicles stand before this one in the order."""
+    behind: Array
+    """int32: how many vehicles have a smaller x."""
+
+
+def sort(x: Array) -> Order:
+    """Sort vehicles by position.
+
+    Args:
+        x: [N] m.
+
+    Returns:
+        Their order.
+    """
+    index = jnp.arange(x.shape[0])
+    behind = jnp.zeros(x.shape, jnp.int32)
+    equal = jnp.zeros(x.shape, jnp.int32)
+    for other in range(x.shape[0]):
+        behind += (x[other] < x).astype(jnp.int32)
+        equal += ((x[other] == x) & (other > index)).astype(jnp.int32)
+    return Order(behind + equal, behind)
+
+
+def lane_members(world: World, order: Order) -> tuple[sets.Words, ...]:
+    """For each lane the set of places of the vehicles on it.
+
+    Args:
+        world: one world.
+        order: of its vehicles.
+
+    Returns:
+        For each lane words of shape [].
+    """
+    vehicles = world.vehicles
+    count = vehicles.x.shape[0]
+    occupied = roads.occupied_lanes(world.road, vehicles.x, vehicles.y)
+    occupied = jnp.where(vehicles.present, occupied, 0)
+    bits = sets.single(order.place, count)
+    members = []
+    for lane in range(world.road.present.shape[0]):
+        here = (occupied & (1 << lane)) != 0
+        words = (jnp.where(here, word, jnp.uint32(0)) for word in bits)
+        members.append(tuple(reduce(or_, [word[i] for i in range(count)]) for word in words))
+    return tuple(members)
+
+
+def search(world: World, motion: Motion, lanes: tuple[Array, ...]) -> tuple[Pair, ...]:
     """Neighbours of every vehicle on given lanes.
 
     ``Road.neighbour_vehicles``: among the other vehicles on the lane, ahead is the nearest with
     x_other >= x, the last in the list winning ties; behind is the nearest with x_other < x, the
-    first winning ties.
+    first winning ties. In the `Order` these are the next members of the lane's set on either side.
 
     Args:
         world: one world.
         motion: its motion.
-        lane_bits: for each query int32 [N], the lane as a bit, 0 for none.
+        lanes: for each query int32 [N]; outside the road nobody is found.
 
     Returns:
         One `Pair` per query.
     """
-    vehicles = world.vehicles
-    x, speed = vehicles.x, vehicles.speed
-    occupied = roads.occupied_lanes(world.road, x, vehicles.y)
-    occupied = jnp.where(vehicles.present, occupied, 0)
-    index = jnp.arange(x.shape[0])
-    zero, no = jnp.zeros_like(x), jnp.zeros(x.shape, bool)
-    nobody = Pair(
-        Front(no, jnp.full_like(x, jnp.inf), zero, zero),
-        Rear(no, jnp.full_like(x, -jnp.inf), zero, zero, zero, zero),
-    )
+    x, speed = world.vehicles.x, world.vehicles.speed
+    count = x.shape[0]
+    order = sort(x)
+    members = lane_members(world, order)
+    myself = sets.single(order.place, count)
+    behind_me = sets.below(order.behind, count)
 
-    def meet(other: Array | int, found: tuple[Pair, ...]) -> tuple[Pair, ...]:
-        place = x[other]
-        ahead = place >= x
-        elsewhere = index != other
-        as_front = Front(jnp.array(True), place, motion.velocity_x[other], motion.velocity_y[other])
-        as_rear = Rear(
-            jnp.array(True),
-            place,
-            speed[other],
-            motion.cosine[other],
-            motion.sine[other],
-            motion.effort[other],
+    def look(lane: Array) -> Pair:
+        here = tuple(jnp.zeros(lane.shape, jnp.uint32) for _ in myself)
+        for index, words in enumerate(members):
+            on = lane == index
+            here = tuple(jnp.where(on, new, old) for new, old in zip(words, here, strict=True))
+        ahead = sets.without(sets.without(here, behind_me), myself)
+        behind = sets.both(here, behind_me)
+        first, last = sets.smallest(ahead), sets.largest(behind)
+
+        def of_front(values: Array) -> Array:
+            return sets.chosen(values, order.place, first)
+
+        def of_rear(values: Array) -> Array:
+            return sets.chosen(values, order.place, last)
+
+        front = Front(
+            exists=first >= 0,
+            x=of_front(x),
+            velocity_x=of_front(motion.velocity_x),
+            velocity_y=of_front(motion.velocity_y),
         )
-        result = []
-        for bit, pair in zip(lane_bits, found, strict=True):
-            on_lane = ((occupied[other] & bit) != 0) & elsewhere
-            nearer = on_lane & ahead & (place <= pair.front.x)
-            front = Front(*map(lambda new, old, n=nearer: jnp.where(n, new, old), as_front, pair.front))
-            nearer = on_lane & ~ahead & (place > pair.rear.x)
-            rear = Rear(*map(lambda new, old, n=nearer: jnp.where(n, new, old), as_rear, pair.rear))
-            result.append(Pair(front, rear))
-        return tuple(result)
+        rear = Rear(
+            exists=last >= 0,
+            x=of_rear(x),
+            speed=of_rear(speed),
+            cosine=of_rear(motion.cosine),
+            sine=of_rear(motion.sine),
+            effort=of_rear(motion.effort),
+        )
+        return Pair(front, rear)
 
-    return over_vehicles(x.shape[0], meet, tuple(nobody for _ in lane_bits))
+    return tuple(look(lane) for lane in lanes)
 
 
 def find(world: World, motion: Motion) -> Neighbours:
@@ -126,7 +183,4 @@ def find(world: World, motion: Motion) -> Neighbours:
     """
     target = world.vehicles.target_lane
     aside = jnp.where(motion.lane == target, motion.lane - 1, target)
-    bits = tuple(
-        roads.lane_bit(world.road, lane) for lane in (motion.lane, aside, motion.lane + 1)
-    )
-    return Neighbours(*search(world, motion, bits))
+    return Neighbours(*search(world, motion, (motion.lane, aside, motion.lane + 1)))

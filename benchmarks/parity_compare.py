@@ -1,0 +1,168 @@
+"""Compare our world with highway-env's, tick by tick and run by run. Needs 64-bit JAX."""
+
+from dataclasses import asdict, replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from highway_env.envs import HighwayEnv
+from jax import lax
+
+from lanewise.interop.highway_env import build_env, read_world
+from lanewise.world import bicycle, tick
+from lanewise.world.state import RULE_BASED
+
+CONTINUOUS = ("x", "y", "heading", "speed", "timer", "slip_sine", "acceleration", "impact_x", "impact_y")
+DECISIONS = ("target_lane", "crashed", "impacted")
+STATE_TOLERANCE = 1e-9
+RUN_TOLERANCE = 1e-6
+
+
+def stack(worlds):
+    """One batch of worlds."""
+    return jax.tree.map(lambda *values: np.stack(values), *worlds)
+
+
+def differences(vehicles, reference):
+    """Largest error of each number, and the decisions that differ, over the present vehicles."""
+    present = np.flatnonzero(vehicles.present)
+    rule_based = np.asarray(reference.drivers.kind) == RULE_BASED
+    errors, unequal = {}, []
+    for name in CONTINUOUS + DECISIONS:
+        value, wanted = getattr(vehicles, name)[present], getattr(reference.vehicles, name)
+        if name in ("timer", "target_lane"):
+            # Plain vehicles have neither.
+            value, wanted = value[rule_based], wanted[rule_based]
+        if name in DECISIONS:
+            unequal += [name] * bool((value != wanted).any())
+        else:
+            errors[name] = float(np.abs(value - wanted).max(initial=0.0))
+    return errors, unequal
+
+
+def agrees(errors, unequal, tolerance):
+    """Whether a comparison is within tolerance, not-a-number being outside."""
+    return not unequal and all(error <= tolerance for error in errors.values())
+
+
+@jax.jit
+def one_tick(worlds, duration):
+    """Vehicles of a batch of worlds, a tick later."""
+    return jax.vmap(lambda world: tick.tick(world, duration))(worlds).vehicles
+
+
+def reference_tick(world, frequency):
+    """The same tick in highway-env."""
+    env = build_env(world, simulation_frequency=frequency)
+    env.road.act()
+    env.road.step(1 / frequency)
+    return read_world(env)
+
+
+def compare_states(worlds, frequency=10):
+    """Compare one tick of several worlds of one size.
+
+    Returns:
+        For each world its errors and unequal decisions.
+    """
+    ours = jax.tree.map(np.asarray, one_tick(stack(worlds), 1 / frequency))
+    return [
+        differences(jax.tree.map(lambda a, i=i: a[i], ours), reference_tick(world, frequency))
+        for i, world in enumerate(worlds)
+    ]
+
+
+def minimised(world, frequency=10):
+    """Leave vehicles out one by one as long as the mismatch stays."""
+    for index in reversed(range(1, world.vehicles.x.shape[0])):
+        present = world.vehicles.present.copy()
+        if not present[index]:
+            continue
+        present[index] = False
+        smaller = replace(world, vehicles=replace(world.vehicles, present=present))
+        if not agrees(*compare_states([smaller], frequency)[0], STATE_TOLERANCE):
+            world = smaller
+    return world
+
+
+def as_json(world):
+    """A world as lists."""
+    return jax.tree.map(lambda value: np.asarray(value).tolist(), asdict(world))
+
+
+@partial(jax.jit, static_argnames="ticks")
+def free_run(worlds, commands, duration, ticks):
+    """Vehicles after each decision, [decisions, worlds, N]; commands [decisions, worlds, 2]."""
+
+    def decide(batch, command):
+        def one(world, values):
+            return tick.run(bicycle.command(world, values[0], values[1]), duration, ticks)
+
+        batch = jax.vmap(one)(batch, command)
+        return batch, batch.vehicles
+
+    return lax.scan(decide, worlds, commands)[1]
+
+
+def command_table(env):
+    """The nine commands of an environment's DiscreteAction, [9, 2] m/s^2 and rad."""
+    stored = dict(env.vehicle.action)
+    table = []
+    for action in range(9):
+        env.action_type.act(action)
+        table.append([float(env.vehicle.action[name]) for name in ("acceleration", "steering")])
+    env.vehicle.action = stored
+    return np.array(table)
+
+
+def compare_runs(envs, worlds, actions):
+    """Compare free runs decision by decision until each first differs.
+
+    Args:
+        envs: one live environment per run.
+        worlds: their worlds, of one size.
+        actions: int [runs, decisions].
+
+    Returns:
+        For each run: the decisions that agreed, the largest errors, the unequal decisions.
+    """
+    config = envs[0].config
+    ticks = config["simulation_frequency"] // config["policy_frequency"]
+    commands = np.stack(
+        [command_table(env)[chosen] for env, chosen in zip(envs, actions, strict=True)], axis=1
+    )
+    duration = 1 / config["simulation_frequency"]
+    ours = free_run(stack(worlds), jnp.asarray(commands), duration, ticks)
+    ours = jax.tree.map(np.asarray, ours)
+    results = []
+    for run, env in enumerate(envs):
+        largest = dict.fromkeys(CONTINUOUS, 0.0)
+        unequal, agreed = [], 0
+        for decision, action in enumerate(actions[run]):
+            # Not env.step: it would spend most of its time on pandas observations.
+            env._simulate(int(action))
+            vehicles = jax.tree.map(lambda a, d=decision, r=run: a[d, r], ours)
+            errors, unequal = differences(vehicles, read_world(env))
+            if not agrees(errors, unequal, RUN_TOLERANCE):
+                break
+            agreed += 1
+            largest = {name: max(largest[name], errors[name]) for name in CONTINUOUS}
+        results.append((agreed, largest, unequal))
+    return results
+
+
+def default_env(seed):
+    """highway-env's own default traffic: 50 vehicles, four lanes, 15 Hz, under DiscreteAction."""
+    config = {
+        "action": {
+            "type": "DiscreteAction",
+            "acceleration_range": (-1.0, 1.0),
+            "steering_range": (-np.pi / 50, np.pi / 50),
+        },
+        "policy_frequency": 1,
+        "simulation_frequency": 15,
+    }
+    env = HighwayEnv(config=config)
+    env.reset(seed=seed)
+    return env

@@ -1,0 +1,174 @@
+"""Random worlds on which ours is compared with highway-env's, as float64 NumPy arrays."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+
+from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, Road, Vehicles, World
+
+SIZES = (8, 16, 32)
+LANES_MAX = 5
+
+
+def random_road(rng):
+    """Two to five lanes, now and then a short road, a closed lane, or other widths and limits."""
+    count = int(rng.integers(2, LANES_MAX + 1))
+    present = np.arange(LANES_MAX) < count
+    width = 4.0 if rng.random() < 0.8 else float(rng.uniform(3.0, 5.0))
+    limits = np.full(LANES_MAX, 30.0)
+    if rng.random() < 0.2:
+        limits = rng.uniform(5.0, 35.0, LANES_MAX)
+    closed = (rng.random(LANES_MAX) < 0.5) & (rng.random() < 0.1)
+    return Road(
+        present=present,
+        centre=np.arange(LANES_MAX) * width,
+        width=np.full(LANES_MAX, width),
+        start=np.zeros(LANES_MAX),
+        end=np.full(LANES_MAX, 200.0 if rng.random() < 0.1 else 10_000.0),
+        speed_limit=limits,
+        open_to_change=present & ~closed,
+    )
+
+
+def random_drivers(rng, count):
+    """The paper's, highway-env's, or any drivers; vehicle 0 is external, a few are constant."""
+    style = rng.integers(3)
+
+    def draw(paper, default, low, high):
+        return rng.uniform(low, high, count) if style == 2 else np.full(count, (paper, default)[style])
+
+    kind = np.where(rng.random(count) < 0.15, CONSTANT, RULE_BASED).astype(np.int32)
+    kind[0] = EXTERNAL
+    target = rng.uniform(0.0, 35.0, count)
+    unknown = (kind != RULE_BASED) & (rng.random(count) < 0.8)
+    exponent = np.full(count, 4.0) if style == 0 else rng.uniform(3.5, 4.5, count)
+    return Drivers(
+        kind=kind,
+        target_speed=np.where(unknown, 0.0, target),
+        comfort_acceleration=draw(0.5, 3.0, 0.3, 4.0),
+        comfort_deceleration=draw(0.5, 5.0, 0.3, 6.0),
+        jam_distance=draw(10.0, 10.0, 0.0, 15.0),
+        time_gap=draw(1.5, 1.5, 0.2, 3.0),
+        exponent=exponent,
+        politeness=draw(0.5, 0.0, 0.0, 1.0),
+        minimum_gain=draw(0.2, 0.2, -0.1, 0.5),
+        imposed_braking=draw(2.0, 2.0, 0.0, 5.0),
+        change_delay=np.ones(count),
+        acceleration_limit=draw(1.0, 6.0, 0.5, 8.0),
+        steering_limit=draw(np.pi / 36, np.pi / 3, 0.05, 1.2),
+        changes_lanes=rng.random(count) < 0.9,
+        checks_collisions=rng.random(count) < 0.8,
+        length=np.full(count, 5.0),
+        width=np.full(count, 2.0),
+    )
+
+
+def random_vehicles(rng, road, count):
+    """Vehicles in lanes, between lanes and off the road; ties, near hits, crashes and impacts."""
+    lanes = int(road.present.sum())
+    lane = rng.integers(0, lanes, count)
+    spread = count * rng.choice([3.0, 6.0, 12.0, 25.0]) / lanes * 2
+    x = rng.uniform(0.0, spread, count) + rng.choice([0.0, 0.0, -8.0, 150.0])
+    twins = rng.random(count) < 0.1
+    x = np.where(twins, x[rng.permutation(count)], x)
+    aside = np.select(
+        [rng.random(count) < p for p in (0.4, 0.5, 0.3, 0.2)],
+        [0.0, rng.normal(0.0, 0.3, count), rng.uniform(-3.5, 3.5, count), road.width[0] / 2 * np.ones(count)],
+        rng.normal(0.0, 1.5, count),
+    )
+    y = road.centre[lane] + aside
+    heading = np.where(rng.random(count) < 0.4, 0.0, rng.normal(0.0, 0.1, count))
+    heading = np.where(rng.random(count) < 0.03, rng.uniform(-7.0, 7.0, count), heading)
+    speed = rng.uniform(0.0, 30.0, count) if rng.random() < 0.5 else rng.normal(12.0, 3.0, count)
+    odd = rng.choice([0.0, -3.0, 0.5, 41.0, -41.0, 1.0, 0.005], count)
+    speed = np.where(rng.random(count) < 0.08, odd, speed)
+    target = np.where(rng.random(count) < 0.6, lane, rng.integers(0, lanes, count))
+    timer = np.where(rng.random(count) < 0.5, rng.uniform(0.0, 2.0, count), rng.choice([0.0, 1.0]))
+    steering = rng.choice([-1.0, 0.0, 1.0], count) * np.pi / 50
+    half_tangent = np.tan(steering) / 2
+    impacted = rng.random(count) < 0.03
+    return Vehicles(
+        present=np.ones(count, bool),
+        x=x,
+        y=y,
+        heading=heading,
+        speed=speed,
+        slip_sine=half_tangent / np.sqrt(1 + half_tangent**2),
+        acceleration=rng.choice([-1.0, 0.0, 1.0], count),
+        target_lane=target.astype(np.int32),
+        timer=timer,
+        crashed=rng.random(count) < 0.05,
+        impacted=impacted,
+        impact_x=np.where(impacted, rng.normal(0.0, 1.0, count), 0.0),
+        impact_y=np.where(impacted, rng.normal(0.0, 0.5, count), 0.0),
+    )
+
+
+def padded(part, size):
+    """Extend a struct of [n] arrays to [size]; added vehicles are copies, then marked absent."""
+    return type(part)(
+        **{f.name: np.resize(getattr(part, f.name), size) for f in fields(part)}
+    )
+
+
+def fit(world, size):
+    """A world with room for ``size`` vehicles and `LANES_MAX` lanes."""
+    count = world.vehicles.x.shape[0]
+    vehicles = padded(world.vehicles, size)
+    present = vehicles.present & (np.arange(size) < count)
+    lanes = world.road.present.shape[0]
+    road = padded(world.road, LANES_MAX)
+    road = replace(road, present=road.present & (np.arange(LANES_MAX) < lanes))
+    return World(road, padded(world.drivers, size), replace(vehicles, present=present))
+
+
+def random_state(rng):
+    """One random world of 3 to 30 vehicles, padded to the next of `SIZES`."""
+    count = int(rng.integers(3, 31))
+    road = random_road(rng)
+    world = World(road, random_drivers(rng, count), random_vehicles(rng, road, count))
+    return fit(world, next(size for size in SIZES if size >= count))
+
+
+def paper_traffic(rng, count=12):
+    """Traffic like the paper's: an ego behind a trap of two, and vehicles ahead in three lanes."""
+    x = np.array([0.0, rng.uniform(14.8, 16.44), rng.uniform(4.06, 7.43)])
+    ahead = x[1] + 45.0 + np.cumsum(rng.uniform(20.0, 30.0, count - 3)) - 25.0
+    lane = np.concatenate([[0, 0, 1], rng.integers(0, 3, count - 3)])
+    drivers = random_drivers(np.random.default_rng(0), count)
+    paper = {
+        "target_speed": 12.5, "comfort_acceleration": 0.5, "comfort_deceleration": 0.5,
+        "jam_distance": 10.0, "time_gap": 1.5, "exponent": 4.0, "politeness": 0.5,
+        "minimum_gain": 0.2, "imposed_braking": 2.0, "change_delay": 1.0,
+        "acceleration_limit": 1.0, "steering_limit": np.pi / 36,
+    }
+    kind = np.array([EXTERNAL, CONSTANT, CONSTANT] + [RULE_BASED] * (count - 3), np.int32)
+    drivers = replace(
+        drivers,
+        **{name: np.full(count, value) for name, value in paper.items()},
+        kind=kind,
+        changes_lanes=np.ones(count, bool),
+        checks_collisions=np.ones(count, bool),
+    )
+    drivers = replace(drivers, target_speed=np.where(kind == RULE_BASED, 12.5, 0.0))
+    road = random_road(np.random.default_rng(0))
+    road = replace(
+        road,
+        present=np.arange(LANES_MAX) < 3,
+        open_to_change=np.arange(LANES_MAX) < 3,
+        centre=4.0 * np.arange(LANES_MAX),
+        width=np.full(LANES_MAX, 4.0),
+        end=np.full(LANES_MAX, 10_000.0),
+        speed_limit=np.full(LANES_MAX, 30.0),
+    )
+    vehicles = random_vehicles(np.random.default_rng(0), road, count)
+    place = np.concatenate([x, ahead])
+    zeros, no = np.zeros(count), np.zeros(count, bool)
+    vehicles = replace(
+        vehicles,
+        x=place, y=4.0 * lane, heading=zeros, slip_sine=zeros, acceleration=zeros,
+        speed=np.where(kind == RULE_BASED, 12.5, 10.0),
+        target_lane=lane.astype(np.int32), timer=(place + 4.0 * lane) * np.pi % 1.0,
+        crashed=no, impacted=no, impact_x=zeros, impact_y=zeros,
+    )
+    return fit(World(road, drivers, vehicles), count)

@@ -1,0 +1,49 @@
+"""Test a trained controller in either world, with progress; shared by the commands."""
+
+from collections.abc import Callable
+from typing import Any
+
+from lanewise.evaluation import drive
+from lanewise.evaluation.drive import TestCourse
+from lanewise.evaluation.episodes import Episodes, Recording
+from lanewise.progress import Progress
+from lanewise.runs.trained import Trained
+from lanewise.training import recipe
+
+
+def course(trained: Trained, renewal: str | None = None) -> TestCourse:
+    """The test of a trained controller, with its own settings."""
+    return recipe.test_course(trained.settings, trained.name, renewal)
+
+
+def test(
+    trained: Trained,
+    world: str,
+    episodes: int,
+    seed: int,
+    reporter: Progress,
+    renewal: str | None = None,
+) -> Episodes:
+    """Drive the test episodes in ``lanewise`` or ``highway-env``."""
+    if world == "lanewise":
+        return drive.test(course(trained, renewal), trained.parameters, seed, episodes)
+    twin = _twin()
+    reporter.stage(f"{trained.name} in highway-env", episodes)
+    return twin.test(  # type: ignore[no-any-return]
+        course(trained, renewal), trained.parameters, seed, episodes, reporter.update
+    )
+
+
+def record(trained: Trained, world: str, seed: int, episode: int) -> Recording:
+    """Drive one test episode and keep every frame."""
+    recorder: Callable[..., Recording] = drive.record
+    if world == "highway-env":
+        recorder = _twin().record
+    return recorder(course(trained), trained.parameters, seed, episode)
+
+
+def _twin() -> Any:
+    """The module that drives in highway-env; imported only where it is wanted."""
+    from lanewise.interop import drive as twin
+
+    return twin

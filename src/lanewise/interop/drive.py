@@ -1,0 +1,140 @@
+"""Greedy test episodes in the real highway-env, from the same starts as in our world.
+
+The percept comes from the live environment's state through *our* observation, and at every
+decision it is checked against highway-env's own ``Kinematics`` observation.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from lanewise.controllers import controller as controllers
+from lanewise.controllers.controller import Parameters
+from lanewise.driving import episode, observation, percept
+from lanewise.driving.episode import Episode
+from lanewise.driving.settings import ObservationSettings
+from lanewise.evaluation import drive
+from lanewise.evaluation.drive import Sums, TestCourse
+from lanewise.evaluation.episodes import Episodes, Recording
+from lanewise.interop import highway_env
+from lanewise.world.state import World
+
+OBSERVATION_TOLERANCE = 1e-4
+"""Largest difference allowed between highway-env's observation and ours, both scaled its way."""
+
+
+def test(
+    course: TestCourse,
+    parameters: Parameters,
+    seed: int,
+    count: int,
+    done: Callable[[int], None] = lambda count: None,
+) -> Episodes:
+    """Drive episodes 0 to ``count - 1`` of ``seed`` greedily in highway-env.
+
+    Args:
+        course: scenario, rules, controller, duration and split.
+        parameters: of all the controller's levels.
+        seed: of the starts.
+        count: number of episodes.
+        done: told after each episode how many are done.
+
+    Returns:
+        Their outcomes, in order.
+    """
+    rows = []
+    for index in range(count):
+        rows.append(_drive(course, parameters, seed, index)[-1][2])
+        done(index + 1)
+    return drive.as_episodes(course.driving, jax.tree.map(lambda *leaf: np.stack(leaf), *rows))
+
+
+def record(course: TestCourse, parameters: Parameters, seed: int, index: int) -> Recording:
+    """Drive episode ``index`` of ``seed`` in highway-env and keep every frame."""
+    world = jax.device_get(drive.start(course, seed, index))
+    frames = _drive(course, parameters, seed, index)
+    stacked = jax.tree.map(lambda *leaf: np.stack(leaf), *frames)
+    return drive.recording(course, world, *stacked)
+
+
+def _drive(course: TestCourse, parameters: Parameters, seed: int, index: int) -> list[Any]:
+    """One episode: (vehicles, memory, sums, reward) after each decision."""
+    world = jax.device_get(drive.start(course, seed, index))
+    env = _live(course, world)
+    state = episode.begin(_single(highway_env.read_world(env)))
+    seen = percept.of(course.driving.observation, state.world)
+    memory = course.controller.start(parameters, seen)
+    sums = drive.nothing_yet()
+    theirs = env.observation_type.observe()
+    frames = []
+    while not sums.over:
+        action, memory, ours = _decide(course, parameters, state, memory)
+        _check(theirs, ours)
+        theirs = env.step(int(action))[0]
+        after = _single(highway_env.read_world(env))
+        state, sums, reward = _judge(course, state, after, action, memory, sums)
+        frames.append(jax.device_get((state.world.vehicles, memory, sums, reward)))
+    env.close()
+    return frames
+
+
+def _live(course: TestCourse, world: World) -> Any:
+    """highway-env at the start of an episode."""
+    driving = course.driving
+    return highway_env.build_env(
+        world,
+        simulation_frequency=driving.simulation_frequency,
+        decision_frequency=driving.decision_frequency,
+        acceleration=driving.actions.acceleration,
+        steering=driving.actions.steering,
+        duration=course.duration / driving.decision_frequency,
+    )
+
+
+def _single(world: World) -> World:
+    """A world in the precision of training: controllers see what they learnt on."""
+
+    def narrow(leaf: Any) -> Array:
+        array = np.asarray(leaf)
+        return jnp.asarray(array.astype(np.float32) if array.dtype == np.float64 else array)
+
+    return jax.tree.map(narrow, world)
+
+
+@partial(jax.jit, static_argnums=0)
+def _decide(
+    course: TestCourse, parameters: Parameters, state: Episode, memory: Any
+) -> tuple[Array, Any, Array]:
+    """(action, memory, the observation highway-env should have made, [5, 5])."""
+    settings = course.driving.observation
+    seen = percept.of(settings, state.world)
+    action, memory, _ = controllers.act(course.controller, parameters, memory, seen)
+    theirs = replace(settings, scaling="highway-env", perception_distance=200.0)
+    features = observation.features(theirs, state.world)
+    return action, memory, jnp.delete(features, observation.LANE_OFFSET).reshape(5, 5)
+
+
+@partial(jax.jit, static_argnums=0)
+def _judge(
+    course: TestCourse, state: Episode, world: World, action: Array, memory: Any, sums: Sums
+) -> tuple[Episode, Sums, Array]:
+    """(episode, sums, reward) after a decision that highway-env simulated."""
+    state, outcome = episode.judge(course.driving, state, world, action, course.duration)
+    sums = drive.gather(course.driving, sums, state, outcome, memory)
+    return state, sums, outcome.reward
+
+
+def _check(theirs: Any, ours: Array) -> None:
+    """Stop when the two observations differ: one of them is wrong, and no result would count.
+
+    The order of vehicles that are equally near is the list's in both.
+    """
+    difference = float(np.max(np.abs(theirs - np.asarray(ours))))
+    if not difference < OBSERVATION_TOLERANCE:
+        raise AssertionError(f"highway-env observes something else: off by {difference:.2g}")

@@ -1,0 +1,197 @@
+"""Train a controller into a run folder: stage after stage, checkpointed, resumable to the bit.
+
+Every stage leaves ``stages/NAME``, the parameters it hands on; the run ends with ``controller``,
+the parameters of all levels. In between, ``checkpoints/`` holds all that the stage under way needs.
+"""
+
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from lanewise.controllers.controller import Parameters
+from lanewise.errors import RunError
+from lanewise.progress import Progress
+from lanewise.runs import checkpoint, trained, tree
+from lanewise.runs.folder import RunFolder
+from lanewise.runs.metrics import MetricsWriter
+from lanewise.training import progress as stages
+from lanewise.training import recipe
+from lanewise.training.progress import Ledger, StagePlan, StageProgress
+
+INTERVAL = 10.0
+"""Seconds of training between checkpoints, at least; a kill loses no more than about this."""
+KEPT = 2
+"""Checkpoints kept, so that a damaged newest one can be skipped."""
+
+
+@dataclass
+class _Files:
+    """The open files of a run that is being trained."""
+
+    folder: RunFolder
+    metrics: MetricsWriter
+    timings: MetricsWriter
+
+
+def train(folder: RunFolder, high_level: Path | None, reporter: Progress) -> None:
+    """Train ``folder.controller`` to the end; continue where the folder's checkpoints stop.
+
+    Args:
+        folder: a locked run folder, new or stopped.
+        high_level: a run whose step-1 result is taken over, or None.
+        reporter: told how far the training is.
+
+    Raises:
+        RunError: the run is finished already, or ``high_level`` is no finished step 1.
+        CheckpointError: a stored file is damaged beyond falling back.
+    """
+    if trained.is_finished(folder):
+        raise RunError(f"{folder.path} is finished; lanewise evaluate {folder.path} tests it")
+    if high_level is not None:
+        trained.take_over_high_level(folder, high_level)
+    done = trained.finished_stages(folder)
+    found, warning = _newest(folder, len(done))
+    if warning:
+        reporter.note(warning)
+    with (
+        MetricsWriter(folder.metrics, _metrics_bytes(folder, done, found)) as metrics,
+        MetricsWriter(folder.timings, None) as timings,
+    ):
+        files = _Files(folder, metrics, timings)
+        frozen: Parameters = {}
+        for index, stage in enumerate(recipe.RECIPES[folder.controller]):
+            if index >= len(done):
+                _run_stage(files, index, stage, frozen, found, reporter)
+                found = None
+            frozen = frozen | {stage.level: trained.load_stage(folder, stage)}
+    trained.save_controller(folder, frozen)
+
+
+def plan_of(folder: RunFolder, stage: recipe.Stage) -> StagePlan:
+    """The stage ready to run, with the run's settings."""
+    settings = folder.settings
+    return StagePlan(
+        name=stage.name,
+        course=recipe.course(settings, stage),
+        validation=recipe.validation_course(settings, stage),
+        validation_episodes=settings.evaluation.validation_episodes,
+        validation_interval=settings.evaluation.validation_interval,
+    )
+
+
+def _run_stage(
+    files: _Files,
+    index: int,
+    stage: recipe.Stage,
+    frozen: Parameters,
+    found: checkpoint.Checkpoint | None,
+    reporter: Progress,
+) -> None:
+    """Run a stage to its end, from its beginning or from a checkpoint."""
+    plan = plan_of(files.folder, stage)
+    progress = stages.begin(plan, frozen, _stage_key(files.folder, index))
+    if found is not None:
+        progress = _restored(progress, found)
+    reporter.stage(stage.name, 1.0, plan.fraction(progress.ledger))
+    saved = time.monotonic()
+    try:
+        while not plan.finished(progress.ledger):
+            began = time.monotonic()
+            progress, report = stages.advance(plan, frozen, progress)
+            _write(files, report, time.monotonic() - began)
+            reporter.update(plan.fraction(progress.ledger), **_figures(report.chunk))
+            if time.monotonic() - saved > INTERVAL:
+                _save(files, index, progress)
+                saved = time.monotonic()
+    except KeyboardInterrupt:
+        _save(files, index, progress)
+        raise
+    parameters = stages.result(progress, plan.course.stage.keep)
+    meta = {"ledger": asdict(progress.ledger), "metrics_bytes": files.metrics.sync()}
+    trained.save_stage(files.folder, stage, parameters, meta)
+
+
+def _stage_key(folder: RunFolder, index: int) -> jax.Array:
+    """The random key of a stage: its own stream of the run's seed."""
+    return jax.random.fold_in(jax.random.key(folder.seed), index)
+
+
+def _write(files: _Files, report: stages.Report, seconds: float) -> None:
+    """A chunk's lines; wall-clock times go elsewhere, so that metrics can repeat to the byte."""
+    for line in (*report.episodes, report.chunk):
+        files.metrics.append(line)
+    chunk = report.chunk
+    files.timings.append(
+        {"stage": chunk["stage"], "chunk": chunk["chunk"], "seconds": round(seconds, 4)}
+    )
+
+
+def _figures(line: dict[str, Any]) -> dict[str, float]:
+    """The few figures shown while training."""
+    names = ("success_rate", "reward", "epsilon", "validation_success_rate")
+    return {name: line[name] for name in names if line.get(name) is not None}
+
+
+def _save(files: _Files, index: int, progress: StageProgress) -> None:
+    """A checkpoint: everything the stage needs to continue to the same bits."""
+    metrics_bytes = files.metrics.sync()
+    files.timings.sync()
+    checkpoint.save(
+        files.folder.checkpoints,
+        checkpoint.checkpoint_name(index, progress.ledger.chunks),
+        tree.flatten({"state": progress.state, "best": progress.best}),
+        {"stage": index, "metrics_bytes": metrics_bytes, "ledger": asdict(progress.ledger)},
+        files.folder.digest,
+        keep=KEPT,
+    )
+
+
+def _newest(folder: RunFolder, index: int) -> tuple[checkpoint.Checkpoint | None, str]:
+    """The newest whole checkpoint of the stage under way, if it has one yet.
+
+    Its arrays are checked against the shapes they must have before any is read.
+    """
+    names = checkpoint.names(folder.checkpoints)
+    if not any(name.startswith(checkpoint.stage_prefix(index)) for name in names):
+        return None, ""
+
+    def template(meta: dict[str, Any]) -> checkpoint.Template:
+        return tree.shapes(_blank(folder, meta["stage"]))
+
+    found, warning = checkpoint.newest_valid(folder.checkpoints, template, folder.digest)
+    if found is not None and found.meta["stage"] != index:
+        return None, warning.replace(f"continuing from {found.name}", "starting the stage anew")
+    return found, warning
+
+
+def _metrics_bytes(
+    folder: RunFolder, done: list[recipe.Stage], found: checkpoint.Checkpoint | None
+) -> int:
+    """How much of the metrics file belongs to what is safely stored."""
+    if found is not None:
+        return int(found.meta["metrics_bytes"])
+    return trained.metrics_bytes(folder, done[-1]) if done else 0
+
+
+def _blank(folder: RunFolder, index: int) -> dict[str, Any]:
+    """Shapes of a stage's checkpoint."""
+    recipe_stages = recipe.RECIPES[folder.controller]
+    plan = plan_of(folder, recipe_stages[index])
+    frozen = {
+        earlier.level: trained.blank_network(folder, earlier) for earlier in recipe_stages[:index]
+    }
+    state = jax.eval_shape(
+        lambda levels: stages.stage.begin(plan.course, levels, jax.random.key(0)), frozen
+    )
+    return {"state": state, "best": state.learner.online}
+
+
+def _restored(progress: StageProgress, found: checkpoint.Checkpoint) -> StageProgress:
+    """The progress stored in a checkpoint; ``progress`` lends its structure."""
+    stored = tree.unflatten({"state": progress.state, "best": progress.best}, found.arrays)
+    ledger = found.meta["ledger"]
+    books = Ledger(**{name: tuple(v) if isinstance(v, list) else v for name, v in ledger.items()})
+    return StageProgress(stored["state"], stored["best"], books)

@@ -1,0 +1,142 @@
+"""Trained controllers on disk: what a stage hands on, and the finished controller of a run."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from lanewise import __version__
+from lanewise.config import Settings
+from lanewise.controllers.controller import Parameters
+from lanewise.errors import RunError
+from lanewise.learning import network
+from lanewise.runs import checkpoint, tree
+from lanewise.runs.folder import RunFolder
+from lanewise.training import recipe
+from lanewise.training.recipe import Stage
+
+CONTROLLER = "controller"
+"""File name of a finished run's controller."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A controller ready to drive."""
+
+    name: str
+    """Which controller."""
+    settings: Settings
+    """Of the run it comes from."""
+    seed: int
+    """Of the run it comes from."""
+    parameters: Parameters
+    """Of all its levels."""
+
+
+def is_finished(folder: RunFolder) -> bool:
+    """Whether the run has its controller."""
+    return (folder.path / f"{CONTROLLER}.json").exists()
+
+
+def load(path: Path) -> Trained:
+    """The finished controller of a run.
+
+    Raises:
+        RunError: there is no run, or it is not finished.
+        CheckpointError: its files are damaged.
+    """
+    folder = RunFolder.open(path)
+    if not is_finished(folder):
+        raise RunError(
+            f"{path} is not finished; lanewise train {folder.controller} --out {path} --resume "
+            "continues it"
+        )
+    blank = {stage.level: blank_network(folder, stage) for stage in _stages(folder)}
+    stored = checkpoint.load(folder.path, CONTROLLER, tree.shapes(blank), folder.digest)
+    parameters: Parameters = tree.unflatten(blank, stored.arrays)
+    return Trained(folder.controller, folder.settings, folder.seed, parameters)
+
+
+def save_controller(folder: RunFolder, parameters: Parameters) -> None:
+    """Store the finished controller."""
+    meta = {"controller": folder.controller, "seed": folder.seed, "lanewise": __version__}
+    checkpoint.save(folder.path, CONTROLLER, tree.flatten(parameters), meta, folder.digest)
+
+
+def has_stage(folder: RunFolder, name: str) -> bool:
+    """Whether a stage is complete."""
+    return (_directory(folder) / f"{name}.json").exists()
+
+
+def finished_stages(folder: RunFolder) -> list[Stage]:
+    """The stages that are complete, in order."""
+    return [stage for stage in _stages(folder) if has_stage(folder, stage.name)]
+
+
+def metrics_bytes(folder: RunFolder, stage: Stage) -> int:
+    """Length of the metrics file when a complete stage ended."""
+    stored = checkpoint.load(_directory(folder), stage.name, None, folder.digest)
+    return int(stored.meta["metrics_bytes"])
+
+
+def save_stage(folder: RunFolder, stage: Stage, parameters: Any, meta: dict[str, Any]) -> None:
+    """Store what a stage hands on."""
+    checkpoint.save(_directory(folder), stage.name, tree.flatten(parameters), meta, folder.digest)
+
+
+def load_stage(folder: RunFolder, stage: Stage) -> network.Parameters:
+    """What a stage handed on."""
+    blank = blank_network(folder, stage)
+    stored = checkpoint.load(_directory(folder), stage.name, tree.shapes(blank), folder.digest)
+    parameters: network.Parameters = tree.unflatten(blank, stored.arrays)
+    return parameters
+
+
+def take_over_high_level(folder: RunFolder, source: Path) -> None:
+    """Copy the step-1 result of another run into this one, so that only step 2 is trained.
+
+    Raises:
+        RunError: the source has no finished step 1, or the two high levels differ in shape or in
+            what they see.
+    """
+    first = recipe.RECIPES["hierarchical"][0]
+    other = RunFolder.open(source)
+    if not has_stage(other, first.name):
+        raise RunError(f"{source} has no finished {first.name}: it cannot lend its high level")
+    for part in ("goals", "driving"):
+        if getattr(other.settings, part) != getattr(folder.settings, part):
+            raise RunError(
+                f"{source} was made with other {part} settings: its high level would not fit; "
+                "give the same ones"
+            )
+    if other.settings.high_level.learner.hidden != folder.settings.high_level.learner.hidden:
+        raise RunError(f"{source} has another high-level network (high_level.learner.hidden)")
+    parameters = load_stage(other, first)
+    meta = {
+        "taken_from_seed": other.seed,
+        "taken_from_settings": other.digest,
+        "metrics_bytes": 0,
+    }
+    save_stage(folder, first, parameters, meta)
+
+
+def blank_network(folder: RunFolder, stage: Stage) -> network.Parameters:
+    """Shapes of a stage's network."""
+    course = recipe.course(folder.settings, stage)
+    controller, hidden = course.controller, course.stage.learner.hidden
+    shapes: network.Parameters = jax.eval_shape(
+        lambda key: network.init(
+            key, controller.feature_count, hidden, controller.choice_count
+        ),
+        jax.random.key(0),
+    )
+    return shapes
+
+
+def _stages(folder: RunFolder) -> tuple[Stage, ...]:
+    return recipe.RECIPES[folder.controller]
+
+
+def _directory(folder: RunFolder) -> Path:
+    return folder.path / "stages"

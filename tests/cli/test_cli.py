@@ -1,0 +1,281 @@
+import os
+import pathlib
+import subprocess
+import sys
+
+import pytest
+
+from lanewise import __version__, cli
+from lanewise.cli import main
+from lanewise.commands import train
+from lanewise.config import Settings
+from lanewise.runs.folder import RunFolder
+
+TRAIN = ["train", "hierarchical", "--out", "run"]
+
+
+@pytest.fixture(autouse=True)
+def inside(tmp_path, monkeypatch):
+    """Runs every test in a folder of its own, which must stay empty when a command is refused."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run_process(*words, **options):
+    code = (
+        "import sys; from lanewise.cli import main; code = main(sys.argv[1:])\n"
+        "heavy = {'jax', 'jaxlib', 'optax', 'highway_env', 'gymnasium'} & sys.modules.keys()\n"
+        "sys.exit(f'imported {heavy}' if heavy else code)"
+    )
+    return subprocess.run(
+        [sys.executable, "-c", code, *words], capture_output=True, text=True, check=False, **options
+    )
+
+
+REFUSALS = [
+    (["trian"], 'unknown command "trian"; did you mean train?'),
+    (["--seed", "3"], 'expected a command before "--seed"'),
+    (["train"], "missing CONTROLLER: one of hierarchical, single-level"),
+    (["train", "hierarchical"], "missing --out"),
+    (
+        ["train", "flat", "--out", "run"],
+        "CONTROLLER must be one of hierarchical, single-level, got",
+    ),
+    ([*TRAIN, "more"], 'unexpected argument "more"'),
+    ([*TRAIN, "--out"], "--out: expected"),
+    ([*TRAIN, "--out", ""], "--out: expected a path, got nothing"),
+    ([*TRAIN, "--sede", "3"], 'unknown option "--sede"; did you mean --seed?'),
+    ([*TRAIN, "-x"], 'unknown option "-x"'),
+    ([*TRAIN, "--seed", "-1"], "--seed must be between 0 and 2147483647, got -1"),
+    ([*TRAIN, "--seed", "1.5"], '--seed: expected a whole number, got "1.5"'),
+    ([*TRAIN, "--seed", "9" * 5000], "--seed: expected a whole number"),
+    ([*TRAIN, "--preset", "qick"], "--preset must be one of quick, paper"),
+    ([*TRAIN, "--trap", "trap-11"], "--trap must be one of trap-10, trap-10.9"),
+    ([*TRAIN, "--resume=yes"], "--resume takes no value"),
+    ([*TRAIN, "--resume"], "no run in run: looked for run/run.json"),
+    ([*TRAIN, "--high-level", "absent"], "no run in absent: looked for absent/run.json"),
+    ([*TRAIN, "--settings", "absent.toml"], "cannot read settings file absent.toml: No such file"),
+    ([*TRAIN, "--scenario.trap-sped", "9"], "did you mean --scenario.trap-speed?"),
+    ([*TRAIN, "--scenario.trap_sped", "9"], "did you mean --scenario.trap-speed?"),
+    ([*TRAIN, "--trap-speed", "9"], "did you mean --scenario.trap-speed?"),
+    ([*TRAIN, "--learning-rate", "1"], "did you mean --low-level.learner.learning-rate or --high"),
+    ([*TRAIN, "--scenario.trap-speed"], "--scenario.trap-speed: expected a number, got nothing"),
+    ([*TRAIN, "--scenario.trap-speed", "--seed", "1"], "expected a number, got nothing"),
+    ([*TRAIN, "--scenario.trap-speed", "fast"], 'expected a number, got "fast"'),
+    ([*TRAIN, "--scenario.trap-speed", "nan"], "must be between 0.5 and 40 m/s, got nan"),
+    ([*TRAIN, "--scenario.trap-speed", "-inf"], "must be between 0.5 and 40 m/s, got -inf"),
+    ([*TRAIN, "--scenario.trap-speed", "-3"], "must be between 0.5 and 40 m/s, got -3.0"),
+    ([*TRAIN, "--scenario.trap-speed="], 'expected a number, got ""'),
+    ([*TRAIN, "--scenario.lanes", "0"], "--scenario.lanes must be between 2 and 8, got 0"),
+    ([*TRAIN, "--scenario.lanes", "2.0"], '--scenario.lanes: expected a whole number, got "2.0"'),
+    ([*TRAIN, "--scenario.test-front-distance", "5"], "more than a car length (5.0 m), got 5.0"),
+    ([*TRAIN, "--scenario.test-front-distance", "4"], "between 5 and 200 m, got 4.0"),
+    ([*TRAIN, "--scenario.training-front-distance", "15"], "expected 2 numbers, got [15.0]"),
+    ([*TRAIN, "--scenario.training-front-distance", "17", "16"], "17.0 must not exceed 16.0"),
+    ([*TRAIN, "--scenario.training-front-distance", "1", "2", "3"], "between 5 and 200 m, got 1.0"),
+    ([*TRAIN, "--scenario.missing-target-speed", "maybe"], 'expected true or false, got "maybe"'),
+    ([*TRAIN, "--goals.reference", "x"], "--goals.reference must be one of previous-goal, current"),
+    (["evaluate"], "missing RUN"),
+    (["evaluate", "absent"], "no run in absent: looked for absent/run.json"),
+    (["evaluate", "absent", "--episodes", "0"], "--episodes must be between 1 and"),
+    (["evaluate", "absent", "--world", "mars"], "--world must be one of lanewise, highway-env"),
+    (["evaluate", "absent", "--renewal", "never"], "--renewal must be one of critic, timestep"),
+    (["evaluate", "absent", "--scenario.lanes", "3"], 'unknown option "--scenario.lanes"'),
+    (["watch", "absent"], "missing --out"),
+    (["watch", "absent", "-o", "clip.gif"], "no run in absent"),
+    (["watch", "absent", "-o", "clip.avi"], "--out must end in .gif or .mp4, got clip.avi"),
+    (["reproduce"], "missing --out"),
+    (["reproduce", "--out", "report", "--scenario.lanes", "0"], "must be between 2 and 8, got 0"),
+]
+
+
+@pytest.mark.parametrize(("words", "hint"), REFUSALS)
+def test_refusals(words, hint, capsys, inside):
+    assert main(words) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.startswith("lanewise: error: ")
+    assert hint in output.err
+    assert len(output.err.splitlines()) <= 2
+    assert max(map(len, output.err.splitlines())) < 250
+    assert os.listdir(inside) == []
+
+
+def test_bad_settings_file(capsys, inside):
+    (inside / "mine.toml").write_text("[scenario]\nlanes = 0\n")
+    assert main([*TRAIN, "--settings", "mine.toml"]) == 2
+    assert "scenario.lanes must be between 2 and 8, got 0" in capsys.readouterr().err
+    (inside / "mine.toml").write_text("[scenario]\ntrap_sped = 0\n")
+    assert main([*TRAIN, "--settings", "mine.toml"]) == 2
+    assert "did you mean scenario.trap_speed?" in capsys.readouterr().err
+    assert os.listdir(inside) == ["mine.toml"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--help"],
+        [],
+        ["--version"],
+        ["train", "--help"],
+        ["evaluate", "-h"],
+        ["watch", "--help"],
+        ["reproduce", "--help"],
+    ],
+)
+def test_help_never_imports_jax(words):
+    done = run_process(*words)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert done.stdout
+
+
+@pytest.mark.parametrize(
+    "words", [[*TRAIN, "--scenario.lanes", "0"], ["evaluate", "absent"], ["trian"]]
+)
+def test_refusals_never_import_jax(words):
+    done = run_process(*words)
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"lanewise {__version__}\n"
+
+
+def test_help_lists_every_command(capsys):
+    assert main([]) == 0
+    output = capsys.readouterr().out
+    assert all(name in output for name in cli.COMMANDS)
+
+
+@pytest.mark.parametrize("command", ["train", "reproduce"])
+def test_help_lists_every_setting_with_text_default_and_range(command, capsys, monkeypatch):
+    from lanewise import config
+
+    assert main([command, "--help"]) == 0
+    output = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    for name in config.kinds():
+        assert f"--{name.replace('_', '-')} " in output
+    expected = "Speed of both trap cars, all episode long. [between 0.5 and 40 m/s] (default: 10.0)"
+    assert expected in output
+    assert "{previous-goal,current-state}" in output
+
+
+def test_no_setting_is_without_help():
+    from lanewise.commands.helptext import _docstrings
+
+    for owner in {type(part) for part in _parts(Settings())} | set(cli.COMMANDS.values()):
+        assert set(_docstrings(owner)) == set(owner.__dataclass_fields__), owner
+
+
+def _parts(part):
+    yield part
+    for name in part.__dataclass_fields__:
+        value = getattr(part, name)
+        if hasattr(value, "__dataclass_fields__"):
+            yield from _parts(value)
+
+
+def test_an_existing_run_is_not_overwritten(capsys, inside):
+    RunFolder.create(pathlib.Path("run"), Settings(), "hierarchical", 0).close()
+    before = {path.name: path.read_bytes() for path in (inside / "run").iterdir()}
+    for words, hint in [
+        (TRAIN, "run holds a run already; --resume continues it"),
+        (["train", "single-level", "--out", "run", "--resume"], "trains hierarchical, not single"),
+        ([*TRAIN, "--resume", "--seed", "1"], "was made with seed 0, not 1"),
+        ([*TRAIN, "--resume", "--trap", "trap-10.9"], "scenario.trap_speed is 10.0, not 10.9"),
+        (["reproduce", "--out", "run"], "run holds a run already"),
+    ]:
+        assert main(words) == 2
+        assert hint in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in (inside / "run").iterdir()} == before
+
+
+def fail_with(error, monkeypatch):
+    def runner(parsed):
+        raise error
+
+    monkeypatch.setitem(cli.RUNNERS, "train", runner)
+
+
+def test_interruption_says_how_to_go_on(monkeypatch, capsys):
+    fail_with(KeyboardInterrupt(), monkeypatch)
+    words = ["train", "hierarchical", "--out", "my run", "--seed", "3", "--high-level", "step 1"]
+    assert main(words) == 130
+    error = capsys.readouterr().err
+    expected = "lanewise train hierarchical --out 'my run' --high-level 'step 1' --resume"
+    assert error.splitlines()[-1].strip() == expected
+    assert "interrupted; continue with:" in error
+
+
+@pytest.mark.parametrize(
+    ("error", "hint"),
+    [
+        (OSError(28, "No space left on device", "run/x"), "No space left on device: run/x"),
+        (PermissionError(13, "Permission denied", "run"), "Permission denied: run"),
+        (OSError("odd"), "odd"),
+    ],
+)
+def test_trouble_with_the_disk_is_one_line(error, hint, monkeypatch, capsys):
+    fail_with(error, monkeypatch)
+    assert main(TRAIN) == 2
+    assert capsys.readouterr().err == f"lanewise: error: {hint}\n"
+
+
+def test_a_full_disk_behind_standard_output():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "lanewise", "--version"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert (done.returncode, done.stderr) == (2, "lanewise: error: No space left on device\n")
+
+
+def test_a_reader_that_leaves_is_no_error():
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [sys.executable, "-m", "lanewise", "train", "--help"],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_train_hands_over_what_was_asked_for(monkeypatch, inside):
+    calls = []
+
+    def fake(parsed):
+        calls.append(parsed)
+        return 0
+
+    monkeypatch.setitem(cli.RUNNERS, "train", fake)
+    (inside / "mine.toml").write_text("[goals]\ntime_limit = 6\n")
+    words = ["--scenario.trap-speed", "9.5", "--scenario.training-side-distance", "-5", "6"]
+    words += ["--low-level.learner.hidden", "64", "32", "16", "--high-level.learner.double=false"]
+    words += ["--settings", "mine.toml", "--high_level", "step1", "--driving.reward.speed_weight=2"]
+    assert main([*TRAIN, *words]) == 0
+    parsed = calls[0]
+    command: train.Train = parsed.command
+    assert (command.controller, str(command.out), command.seed) == ("hierarchical", "run", 0)
+    assert str(command.high_level) == "step1"
+    values = command.values
+    assert values.scenario.trap_speed == 9.5
+    assert values.scenario.training_side_distance == (-5.0, 6.0)
+    assert values.low_level.learner.hidden == (64, 32, 16)
+    assert values.high_level.learner.double is False
+    assert values.low_level.learner.double is True
+    assert values.driving.reward.speed_weight == 2.0
+    assert values.goals.time_limit == 6.0
+    assert parsed.settings_given
+    assert main([*TRAIN, "--resume", "--seed", "0"]) == 0
+    assert not calls[1].settings_given
+    assert {"resume", "seed"} <= calls[1].given

@@ -1,0 +1,68 @@
+import io
+
+from lanewise.progress import Progress
+
+
+class Clock:
+    def __init__(self):
+        self.now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_plain_lines_off_a_terminal():
+    stream, clock = io.StringIO(), Clock()
+    with Progress(stream, interval=10.0, clock=clock) as progress:
+        progress.stage("high level", 100)
+        for done in range(0, 101, 5):
+            progress.update(done, success_rate=0.5)
+            clock.now += 4.0
+        progress.note("a warning [with brackets]")
+    lines = stream.getvalue().splitlines()
+    assert lines[0] == "high level: starting"
+    # One line in 10 s, although an update came every 4 s.
+    assert lines[1] == "high level: 15%, 1 min left, success rate 0.5"
+    assert lines[-2:] == ["high level: 100%, success rate 0.5", "a warning [with brackets]"]
+    assert len(lines) == 9
+    assert all("\x1b" not in line and "\r" not in line for line in lines)
+
+
+def test_a_resumed_stage_does_not_count_what_was_done_before():
+    stream, clock = io.StringIO(), Clock()
+    with Progress(stream, interval=0.0, clock=clock) as progress:
+        progress.stage("low level", 100, done=50)
+        clock.now = 25.0
+        progress.update(75)
+    assert stream.getvalue().splitlines() == ["low level: continuing", "low level: 75%, 25 s left"]
+
+
+def test_a_bar_on_a_terminal():
+    stream = Terminal()
+    with Progress(stream) as progress:
+        progress.stage("high level", 10)
+        progress.update(10, success_rate=1.0)
+        progress.stage("low [bold]level", 10)
+        progress.update(5)
+        progress.note("note [x]")
+    text = stream.getvalue()
+    assert "high level" in text
+    assert "low [bold]level" in text
+    assert "note [x]" in text
+
+
+def test_long_times_and_empty_stages():
+    stream, clock = io.StringIO(), Clock()
+    with Progress(stream, interval=0.0, clock=clock) as progress:
+        progress.stage("a", 1000)
+        clock.now = 100.0
+        progress.update(10)
+        progress.stage("b", 0)
+        progress.update(0)
+    assert "2 h 45 min left" in stream.getvalue()
+    assert "b: 100%" in stream.getvalue()

@@ -1,0 +1,223 @@
+import dataclasses
+import math
+import tomllib
+
+import pytest
+
+from lanewise import config
+from lanewise.config import PRESETS, TRAPS, Settings
+from lanewise.errors import SettingsError
+
+
+def refusal(**flags: object) -> str:
+    """The message with which settings given by dotted name (dots as __) are refused."""
+    values = {name.replace("__", "."): value for name, value in flags.items()}
+    with pytest.raises(SettingsError) as caught:
+        config.compose(flags=values)
+    message = str(caught.value)
+    assert len(message.splitlines()) <= 2
+    return message
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("trap", TRAPS)
+def test_presets_are_valid_and_survive_toml_and_json(preset, trap, tmp_path):
+    settings = config.compose(preset, trap)
+    file = tmp_path / "settings.toml"
+    file.write_text(config.dump_toml(settings))
+    assert config.compose(file=file) == settings
+    assert config.from_dict(config.to_dict(settings)) == settings
+
+
+def test_toml_holds_every_setting_once():
+    table = tomllib.loads(config.dump_toml(Settings()))
+    leaves = [line for line in config.dump_toml(Settings()).splitlines() if " = " in line]
+    assert len(leaves) == len(config.kinds())
+    assert table["scenario"]["traffic"]["driver"]["time_gap"] == 1.5
+
+
+def test_paper_preset_has_the_papers_budgets():
+    paper = config.compose("paper")
+    assert (paper.high_level.episodes, paper.low_level.episodes) == (1000, 2000)
+    assert paper.high_level.decisions == 0
+    assert paper.low_level.exploration.steps == 1000
+    # What a preset does not mention keeps its default.
+    assert paper.low_level.tracking_weight == 2.0
+
+
+def test_later_layers_win(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text("[scenario]\ntrap-speed = 9\n[high_level]\nepisodes = 7\n")
+    from_file = config.compose("paper", "trap-10.9", file)
+    assert (from_file.scenario.trap_speed, from_file.high_level.episodes) == (9.0, 7)
+    assert type(from_file.scenario.trap_speed) is float
+    flagged = config.compose("paper", "trap-10.9", file, {"scenario.trap_speed": 8.5})
+    assert flagged.scenario.trap_speed == 8.5
+    assert config.compose("paper", "trap-10.9").scenario.trap_speed == 10.9
+
+
+def test_digest_follows_values_not_how_they_were_given():
+    base = config.digest(Settings())
+    assert config.digest(config.compose(flags={"scenario.trap_speed": 10})) == base
+    assert config.digest(config.compose(flags={"scenario.trap_speed": 10.1})) != base
+
+
+@pytest.mark.parametrize(
+    "value", [math.nan, math.inf, -math.inf, -3.0, 0, 1e9, pytest.param(10**5000, id="huge")]
+)
+def test_a_number_must_be_finite_and_in_range(value):
+    message = refusal(scenario__trap_speed=value)
+    assert message.startswith("scenario.trap_speed must be between 0.5 and 40 m/s, got ")
+
+
+@pytest.mark.parametrize("value", [0, 1, -1, 9, pytest.param(10**5000, id="huge")])
+def test_impossible_lanes(value):
+    assert refusal(scenario__lanes=value).startswith("scenario.lanes must be between 2 and 8, got ")
+
+
+@pytest.mark.parametrize("value", [True, 3.0, "3", None, [3]])
+def test_whole_numbers_are_really_whole_numbers(value):
+    assert "scenario.lanes: expected a whole number, got " in refusal(scenario__lanes=value)
+
+
+@pytest.mark.parametrize("value", [True, "10", None, [10.0]])
+def test_numbers_are_really_numbers(value):
+    assert "expected a number, got " in refusal(scenario__trap_speed=value)
+
+
+@pytest.mark.parametrize("value", [1, 0, "true"])
+def test_truth_values_are_really_truth_values(value):
+    assert "expected true or false" in refusal(scenario__missing_target_speed=value)
+
+
+@pytest.mark.parametrize(
+    ("value", "hint"),
+    [
+        ([15.0], "expected 2 numbers, got [15.0]"),
+        ([15.0, 16.0, 17.0], "expected 2 numbers"),
+        (15.0, "expected 2 numbers, got 15.0"),
+        ("ab", "expected 2 numbers"),
+        ([15.0, math.nan], "between 5 and 200 m, got nan"),
+        ([15.0, True], "expected a number, got true"),
+        ([16.0, 15.0], "16.0 must not exceed 15.0"),
+        ([4.0, 15.0], "between 5 and 200 m, got 4.0"),
+        ([5.0, 15.0], "must be more than a car length (5.0 m), got 5.0"),
+    ],
+)
+def test_ranges_of_distances(value, hint):
+    message = refusal(scenario__training_front_distance=value)
+    assert "scenario.training_front_distance" in message
+    assert hint in message
+
+
+def test_names_are_told():
+    assert 'one of previous-goal, current-state, got "nowhere"' in refusal(
+        goals__reference="nowhere"
+    )
+
+
+@pytest.mark.parametrize(
+    ("flags", "hint"),
+    [
+        ({"driving.decision_frequency": 11}, "at most driving.simulation_frequency (10), got 11"),
+        ({"goals.lowest_speed": 17.0}, "at most goals.highest_speed (16.0), got 17.0"),
+        ({"scenario.test_front_distance": 5.0}, "more than a car length"),
+        ({"scenario.traffic.spacing": 8.0}, "more than a car length"),
+        ({"scenario.traffic.first_gap": 3.0}, "more than a car length"),
+        (
+            {"scenario.traffic.vehicles_behind": 2, "scenario.traffic.gap_behind": 2.0},
+            "gap_behind must be more than a car length",
+        ),
+        ({"scenario.ego_speed": 5.0, "driving.stopped_speed": 5.0}, "driving.stopped_speed (5.0)"),
+        (
+            {"low_level.learner.batch_size": 60_000},
+            "at most low_level.learner.replay_capacity (50000), got 60000",
+        ),
+        ({"low_level.learner.warm_up": 60_000}, "low_level.learner.warm_up must be at most"),
+        ({"low_level.worlds": 60_000}, "low_level.worlds must be at most"),
+        ({"high_level.decisions": 0}, "training would never end"),
+        ({"high_level.learner.hidden": [512, 0]}, "high_level.learner.hidden must be between 1"),
+        ({"high_level.learner.hidden": []}, "expected one or more whole numbers"),
+    ],
+)
+def test_settings_that_contradict_one_another(flags, hint):
+    with pytest.raises(SettingsError, match=r"^[a-z]+") as caught:
+        config.compose(flags=flags)
+    assert hint in str(caught.value)
+
+
+def test_validate_sees_settings_built_without_compose():
+    scenario = dataclasses.replace(Settings().scenario, lane_width=math.nan)
+    with pytest.raises(SettingsError, match=r"scenario\.lane_width must be .* got nan"):
+        config.validate(Settings(scenario=scenario))
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("scenario.trap_sped", "did you mean scenario.trap_speed?"),
+        ("scenario.trap-sped", "did you mean scenario.trap_speed?"),
+        ("trap_speed", "did you mean scenario.trap_speed?"),
+        ("senario.lanes", "did you mean scenario.lanes?"),
+        ("low_level.batch_size", "did you mean low_level.learner.batch_size"),
+        ("high_level.learner.learningrate", "did you mean high_level.learner.learning_rate?"),
+        ("zzz", "`lanewise train --help` lists all"),
+    ],
+)
+def test_unknown_names_are_refused_with_the_nearest_right_one(name, hint):
+    message = refusal(**{name: 1})
+    assert message.startswith(f'unknown setting "{name}"')
+    assert hint in message
+
+
+def test_unknown_presets():
+    with pytest.raises(SettingsError, match='unknown preset "qick"; did you mean quick'):
+        config.compose("qick")
+    with pytest.raises(SettingsError, match=r'unknown trap "nothing"; known: trap-10, trap-10\.9'):
+        config.compose(trap="nothing")
+
+
+@pytest.mark.parametrize(
+    ("text", "hint"),
+    [
+        ("[scenario\n", "not valid TOML"),
+        ("a = " + "[" * 5000, "not valid TOML"),
+        ("[scenario]\ntrap_sped = 9\n", "did you mean scenario.trap_speed?"),
+        ("[scenery]\ntrap_speed = 9\n", "did you mean scenario"),
+        ("scenario = 3\n", "scenario is a section, not a setting"),
+        ("[scenario.lanes]\nx = 1\n", "scenario.lanes: expected a whole number"),
+        ("[zzz]\n", 'unknown section "zzz"; known: scenario, scenario.traffic'),
+        ("[scenario]\ntrap_speed = nan\n", "must be between 0.5 and 40 m/s, got nan"),
+        ("[scenario]\ntrap_speed = 1979-05-27\n", "expected a number, got 1979-05-27"),
+        ("[scenario]\ntrap_speed = 9\ntrap-speed = 8\n", "scenario.trap_speed is given twice"),
+        ("\x00", "not valid TOML"),
+    ],
+)
+def test_bad_toml_files(tmp_path, text, hint):
+    file = tmp_path / "bad.toml"
+    file.write_text(text)
+    with pytest.raises(SettingsError) as caught:
+        config.compose(file=file)
+    assert hint in str(caught.value)
+    assert len(str(caught.value).splitlines()) <= 2
+
+
+def test_unreadable_toml_files(tmp_path):
+    with pytest.raises(SettingsError, match=r"cannot read settings file .*No such file"):
+        config.load_toml(tmp_path / "absent.toml")
+    with pytest.raises(SettingsError, match="Is a directory"):
+        config.load_toml(tmp_path)
+    file = tmp_path / "latin.toml"
+    file.write_bytes(b"# \xff\n")
+    with pytest.raises(SettingsError, match="not valid TOML"):
+        config.load_toml(file)
+    file.write_bytes(b"#" * 1_000_001)
+    with pytest.raises(SettingsError, match="larger than"):
+        config.load_toml(file)
+
+
+def test_first_difference_names_setting_and_both_values():
+    other = config.compose(trap="trap-10.9")
+    expected = "scenario.trap_speed is 10.0, not 10.9"
+    assert config.first_difference(Settings(), other) == expected
+    assert config.first_difference(other, other) == ""

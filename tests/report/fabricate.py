@@ -1,0 +1,87 @@
+"""Made-up results: an episode in which the ego gets past two trap cars, curves, outcomes."""
+
+import numpy as np
+
+from lanewise.evaluation.episodes import Episodes, Recording
+
+
+def make_recording(accident: int = 0, goals: bool = True, seconds: float = 25.0) -> Recording:
+    time = np.arange(0.0, seconds + 0.25, 0.5)
+    frames = len(time)
+    speed = np.interp(time, [0, 4, 10, 17, 25], [10.0, 8.0, 9.0, 15.0, 15.0])
+    x = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 4.0)])
+    y = np.interp(time, [0, 4, 8, 10, 14, 25], [0.0, 0.0, 4.0, 4.0, 8.0, 8.0])
+    slope = np.gradient(y, x) if frames > 1 else np.zeros(1)
+    traffic_x = np.array([60.0, 85.0, 110.0, 135.0, 160.0])
+    traffic_y = np.array([0.0, 8.0, 4.0, 8.0, 4.0])
+    xs = np.column_stack(
+        [x, 15.62 + 10.0 * time, 6.61 + 10.0 * time, traffic_x + 12.5 * time[:, None]]
+    )
+    ys = np.column_stack([y, 0.0 * time, 4.0 + 0.0 * time, traffic_y + 0.0 * time[:, None]])
+    n = xs.shape[1]
+    speeds = np.column_stack([speed, np.full((frames, 2), 10.0), np.full((frames, 5), 12.5)])
+    crashed = np.zeros((frames, n), bool)
+    if accident:
+        crashed[-1, [0, 2]] = True
+    reward = np.interp(speed, [5.0, 12.5, 15.0], [0.0, 0.2, 1.0])
+    lanes = np.where(time < 3, 0, np.where(time < 9, 1, 2))
+    return Recording(
+        controller="hierarchical",
+        time=time,
+        x=xs,
+        y=ys,
+        heading=np.column_stack([np.arctan(slope), np.zeros((frames, n - 1))]),
+        speed=speeds,
+        crashed=crashed,
+        present=np.ones(n, bool),
+        role=np.array([0, 1, 1] + [2] * 5, np.int8),
+        length=np.full(n, 5.0),
+        width=np.full(n, 2.0),
+        lane_centre=np.array([0.0, 4.0, 8.0]),
+        lane_width=np.full(3, 4.0),
+        goal_lane=lanes if goals else np.full(frames, -1),
+        goal_speed=np.where(time < 9, 8.0, 15.0) if goals else np.full(frames, np.nan),
+        reward=reward,
+        accumulated_reward=np.cumsum(np.where(np.arange(frames) % 2 == 0, reward, 0.0)),
+        escaped=xs[:, 0] - 5.0 > xs[:, 1],
+        accident=accident,
+    )
+
+
+def make_rows() -> list[dict]:
+    rng = np.random.default_rng(0)
+    rows = []
+    for stage, final in (("single-level", 2.0), ("high-level", 97.0), ("hierarchical", 94.0)):
+        for i in range(1, 101):
+            share = 1.0 / (1.0 + np.exp(-(i - 45) / 8))
+            done = final / 100.0 * share
+            rows.append(
+                {
+                    "stage": stage,
+                    "decisions": 1000 * i,
+                    "episodes": 6 * i,
+                    "success_rate": float(np.clip(done + 0.1 * rng.normal(), 0, 1)),
+                    "accident_rate": 0.1,
+                    "reward": None if i < 3 else float(20 + 30 * done + 3 * rng.normal()),
+                    "speed": float(10 + 3 * done + 0.3 * rng.normal()),
+                    "epsilon": max(0.5 - 0.48 * i / 32, 0.02),
+                }
+            )
+    return rows
+
+
+def make_episodes(successes: int = 293, total: int = 300) -> Episodes:
+    rng = np.random.default_rng(1)
+    success = np.arange(total) < successes
+    accident = np.where(success, 0, 1 + np.arange(total) % 3).astype(np.int8)
+    return Episodes(
+        success=success,
+        accident=accident,
+        accumulated_reward=13.0 + rng.normal(size=total),
+        average_speed=13.0 + 0.2 * rng.normal(size=total),
+        travel_distance=325.0 + 5.0 * rng.normal(size=total),
+        duration=np.where(success, 25.0, 10.0),
+        escape_time=np.where(success, 15.0 + rng.normal(size=total), np.nan),
+        goals=np.full(total, 10, np.int64),
+        goals_timed_out=(np.arange(total) % 4 == 0).astype(np.int64),
+    )

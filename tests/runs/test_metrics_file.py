@@ -1,0 +1,59 @@
+import math
+
+import numpy as np
+import pytest
+
+from lanewise.errors import RunError
+from lanewise.runs.metrics import MetricsWriter, read
+
+
+def write(path, numbers, resume_at=0):
+    with MetricsWriter(path, resume_at) as metrics:
+        for number in numbers:
+            metrics.append({"episode": number, "reward": number / 3})
+        return metrics.sync()
+
+
+def test_a_resumed_file_has_the_bytes_of_one_never_stopped(tmp_path):
+    whole, stopped = tmp_path / "whole.jsonl", tmp_path / "stopped.jsonl"
+    write(whole, range(10))
+    at_checkpoint = write(stopped, range(4))
+    with stopped.open("ab") as file:
+        # Written after the checkpoint, the last line cut short by the kill.
+        file.write(b'{"episode": 4, "reward": 1.33}\n{"epis')
+    write(stopped, range(4, 10), at_checkpoint)
+    assert stopped.read_bytes() == whole.read_bytes()
+
+
+def test_a_fresh_start_empties_the_file_and_timings_are_kept(tmp_path):
+    path = tmp_path / "metrics.jsonl"
+    write(path, range(3))
+    write(path, range(2))
+    assert len(read(path)) == 2
+    write(path, range(2), resume_at=None)
+    assert len(read(path)) == 4
+
+
+def test_a_file_that_lost_lines_is_refused(tmp_path):
+    path = tmp_path / "metrics.jsonl"
+    length = write(path, range(3))
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(RunError, match=f"truncated: {length - 1} bytes.*expects {length}"):
+        MetricsWriter(path, length)
+
+
+def test_values_are_plain_json(tmp_path):
+    path = tmp_path / "metrics.jsonl"
+    with MetricsWriter(path) as metrics:
+        metrics.append({"a": math.nan, "b": np.float32(0.5), "c": np.int64(3), "d": "x", "e": None})
+        metrics.append({"a": np.array(-np.inf)})
+    assert read(path) == [{"a": None, "b": 0.5, "c": 3, "d": "x", "e": None}, {"a": None}]
+
+
+def test_reading_leaves_out_a_line_cut_short(tmp_path):
+    path = tmp_path / "metrics.jsonl"
+    path.write_bytes(b'{"a": 1}\n{"a": 2')
+    assert read(path) == [{"a": 1}]
+    path.write_bytes(b'{"a": 1\n{"a": 2}\n')
+    with pytest.raises(RunError, match="not valid JSON"):
+        read(path)
