@@ -13,7 +13,17 @@ from lanewise.interop.highway_env import build_env, read_world
 from lanewise.world import bicycle, tick
 from lanewise.world.state import RULE_BASED
 
-CONTINUOUS = ("x", "y", "heading", "speed", "timer", "slip_sine", "acceleration", "impact_x", "impact_y")
+CONTINUOUS = (
+    "x",
+    "y",
+    "heading",
+    "speed",
+    "timer",
+    "slip_sine",
+    "acceleration",
+    "impact_x",
+    "impact_y",
+)
 DECISIONS = ("target_lane", "crashed", "impacted")
 STATE_TOLERANCE = 1e-9
 RUN_TOLERANCE = 1e-6

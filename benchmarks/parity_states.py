@@ -35,7 +35,9 @@ def random_drivers(rng, count):
     style = rng.integers(3)
 
     def draw(paper, default, low, high):
-        return rng.uniform(low, high, count) if style == 2 else np.full(count, (paper, default)[style])
+        return (
+            rng.uniform(low, high, count) if style == 2 else np.full(count, (paper, default)[style])
+        )
 
     kind = np.where(rng.random(count) < 0.15, CONSTANT, RULE_BASED).astype(np.int32)
     kind[0] = EXTERNAL
@@ -73,7 +75,12 @@ def random_vehicles(rng, road, count):
     x = np.where(twins, x[rng.permutation(count)], x)
     aside = np.select(
         [rng.random(count) < p for p in (0.4, 0.5, 0.3, 0.2)],
-        [0.0, rng.normal(0.0, 0.3, count), rng.uniform(-3.5, 3.5, count), road.width[0] / 2 * np.ones(count)],
+        [
+            0.0,
+            rng.normal(0.0, 0.3, count),
+            rng.uniform(-3.5, 3.5, count),
+            road.width[0] / 2 * np.ones(count),
+        ],
         rng.normal(0.0, 1.5, count),
     )
     y = road.centre[lane] + aside
@@ -106,9 +113,7 @@ def random_vehicles(rng, road, count):
 
 def padded(part, size):
     """Extend a struct of [n] arrays to [size]; added vehicles are copies, then marked absent."""
-    return type(part)(
-        **{f.name: np.resize(getattr(part, f.name), size) for f in fields(part)}
-    )
+    return type(part)(**{f.name: np.resize(getattr(part, f.name), size) for f in fields(part)})
 
 
 def fit(world, size):
@@ -137,10 +142,18 @@ def paper_traffic(rng, count=12):
     lane = np.concatenate([[0, 0, 1], rng.integers(0, 3, count - 3)])
     drivers = random_drivers(np.random.default_rng(0), count)
     paper = {
-        "target_speed": 12.5, "comfort_acceleration": 0.5, "comfort_deceleration": 0.5,
-        "jam_distance": 10.0, "time_gap": 1.5, "exponent": 4.0, "politeness": 0.5,
-        "minimum_gain": 0.2, "imposed_braking": 2.0, "change_delay": 1.0,
-        "acceleration_limit": 1.0, "steering_limit": np.pi / 36,
+        "target_speed": 12.5,
+        "comfort_acceleration": 0.5,
+        "comfort_deceleration": 0.5,
+        "jam_distance": 10.0,
+        "time_gap": 1.5,
+        "exponent": 4.0,
+        "politeness": 0.5,
+        "minimum_gain": 0.2,
+        "imposed_braking": 2.0,
+        "change_delay": 1.0,
+        "acceleration_limit": 1.0,
+        "steering_limit": np.pi / 36,
     }
     kind = np.array([EXTERNAL, CONSTANT, CONSTANT] + [RULE_BASED] * (count - 3), np.int32)
     drivers = replace(
@@ -166,9 +179,17 @@ def paper_traffic(rng, count=12):
     zeros, no = np.zeros(count), np.zeros(count, bool)
     vehicles = replace(
         vehicles,
-        x=place, y=4.0 * lane, heading=zeros, slip_sine=zeros, acceleration=zeros,
+        x=place,
+        y=4.0 * lane,
+        heading=zeros,
+        slip_sine=zeros,
+        acceleration=zeros,
         speed=np.where(kind == RULE_BASED, 12.5, 10.0),
-        target_lane=lane.astype(np.int32), timer=(place + 4.0 * lane) * np.pi % 1.0,
-        crashed=no, impacted=no, impact_x=zeros, impact_y=zeros,
+        target_lane=lane.astype(np.int32),
+        timer=(place + 4.0 * lane) * np.pi % 1.0,
+        crashed=no,
+        impacted=no,
+        impact_x=zeros,
+        impact_y=zeros,
     )
     return fit(World(road, drivers, vehicles), count)

@@ -11,9 +11,7 @@ def test_one_tick_from_random_states(frequency):
     by_size = {}
     for world in worlds:
         by_size.setdefault(world.vehicles.x.shape[0], []).append(world)
-    compared = [
-        result for group in by_size.values() for result in compare_states(group, frequency)
-    ]
+    compared = [result for group in by_size.values() for result in compare_states(group, frequency)]
     assert len(compared) == 160
     bad = [result for result in compared if not agrees(*result, STATE_TOLERANCE)]
     assert not bad

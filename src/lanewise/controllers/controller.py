@@ -53,8 +53,10 @@ class Controller(Protocol):
         """What the learning network sees, [feature_count]."""
 
     def decide(self, memory: Memory, percept: Percept, choice: Array) -> tuple[Array, Memory]:
-        """Turn the network's choice into a low-level action; where it was not ready, the choice
-        is ignored."""
+        """Turn the network's choice into a low-level action.
+
+        Where the network was not ready, the choice is ignored.
+        """
 
     def penalty(self, memory: Memory, percept: Percept) -> Array:
         """How far from its goal the ego is after a decision, for the tracking term; []."""

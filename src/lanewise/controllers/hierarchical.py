@@ -15,6 +15,10 @@ from lanewise.driving.settings import DrivingSettings
 from lanewise.learning import network
 
 
+FEATURES = observation.SIZE + goals.FEATURES
+"""Inputs of the low-level network."""
+
+
 @dataclass(frozen=True)
 class Hierarchical:
     """The low-level network learns; it sees the 26 features and the two of the goal."""
@@ -25,7 +29,7 @@ class Hierarchical:
     """When goals are renewed, see `GoalSettings`."""
     name: str = "hierarchical"
     learns: str = "low_level"
-    feature_count: int = observation.SIZE + goals.FEATURES
+    feature_count: int = FEATURES
     choice_count: int = actions.COUNT
 
     def start(self, parameters: Parameters, percept: Percept) -> GoalMemory:
@@ -41,7 +45,7 @@ class Hierarchical:
 
     def ready(self, memory: GoalMemory) -> Array:
         """The network chooses at every decision."""
-        return jnp.bool_(True)
+        return jnp.asarray(True)
 
     def features(self, memory: GoalMemory, percept: Percept) -> Array:
         """The observation and the goal features, [28]."""

@@ -29,16 +29,15 @@ LOOK_AHEAD = 1.0
 """The final offset is judged where the car will be this much later, s."""
 
 
-def act(
-    settings: PlannerSettings, driving: DrivingSettings, goal: Goal, percept: Percept
-) -> Array:
+def act(settings: PlannerSettings, driving: DrivingSettings, goal: Goal, percept: Percept) -> Array:
     """The low-level action that heads for ``goal``; int32 [].
 
-    Minimises, over the steering sequences of the preview and three beginnings (by the speed rule,
-    or one decision slower or faster first, which shifts the lateral quantum where it would
-    straddle the lane's centre), the sum of the offset, heading and speed costs.
+    Minimises, over the steering sequences of the preview and their trims (none, or one decision
+    slower or faster, which shifts the lateral quantum where it would straddle the lane's centre),
+    the sum of the offset, heading and speed costs.
     """
-    turns, beginnings = _candidates(settings.preview)
+    turns, trims, trim_steps = _candidates(settings.preview)
+    trim = jnp.asarray(trims, percept.speed.dtype)
     offset = percept.y - percept.road.centre[goal.lane]
     offset, heading, speed = (
         jnp.broadcast_to(value, (len(turns),)) for value in (offset, percept.heading, percept.speed)
@@ -48,10 +47,9 @@ def act(
         turn = jnp.asarray(turns[:, step], speed.dtype)
         straight = (turn == 0) & (jnp.abs(heading) < STRAIGHT)
         pull = speed_rule(driving, goal.speed, speed)
-        trimmed = jnp.asarray(beginnings != 0) & (step == 0)
-        pull = jnp.where(trimmed, jnp.asarray(beginnings, speed.dtype), pull)
+        pull = jnp.where((trims != 0) & (trim_steps == step), trim, pull)
         # A trimmed speed is held: returning to the target at once would undo it.
-        held = jnp.asarray(beginnings != 0) & (step > 0)
+        held = (trims != 0) & (trim_steps < step)
         pull = jnp.where(straight & ~held, pull, 0.0)
         if step == 0:
             first = (turn, pull)
@@ -78,8 +76,10 @@ def speed_rule(driving: DrivingSettings, target: Array, speed: Array) -> Array:
 def _preview(
     driving: DrivingSettings, offset: Array, heading: Array, speed: Array, turn: Array, pull: Array
 ) -> tuple[Array, Array, Array]:
-    """One decision of the bicycle model in closed form; exact when turning at constant speed up
-    to the midpoint rule."""
+    """One decision of the bicycle model in closed form.
+
+    Exact when turning at constant speed, up to the midpoint rule.
+    """
     ticks, tick = driving.ticks_per_decision, driving.tick_duration
     slip = atan(tan(driving.actions.steering) / 2.0)
     rate = speed * sin(slip) / HALF_LENGTH * turn
@@ -93,8 +93,24 @@ def _preview(
     )
 
 
-def _candidates(preview: int) -> tuple[np.ndarray, np.ndarray]:
-    """(all steering sequences, once for each beginning [S, preview]; the beginnings [S])."""
+def _candidates(preview: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What the preview compares, one row each.
+
+    All steering sequences, plain or trimmed in their first decision. Besides, where the preview
+    is long enough, the swings: to the other side and back at another speed, which moves the car
+    by the small difference of two lateral quanta. Without them it could rest half a quantum off
+    the centre, which is more than 0.3 m above 13.8 m/s.
+
+    Returns:
+        (signs of the steering [S, preview], signs of the trims [S], decisions of the trims [S]).
+    """
     turns = np.array(list(itertools.product((0, -1, 1), repeat=preview)), np.float64)
-    beginnings = np.repeat([0.0, -1.0, 1.0], len(turns))
-    return np.tile(turns, (3, 1)), beginnings
+    trims = np.repeat([0.0, -1.0, 1.0], len(turns))
+    turns = np.tile(turns, (3, 1))
+    trim_steps = np.zeros(len(turns), np.int32)
+    if preview >= 5:
+        swing = np.pad(np.array([1.0, -1.0, 0.0, -1.0, 1.0]), (0, preview - 5))
+        turns = np.concatenate([turns, [swing, swing, -swing, -swing]])
+        trims = np.concatenate([trims, [-1.0, 1.0, -1.0, 1.0]])
+        trim_steps = np.concatenate([trim_steps, np.full(4, 2, np.int32)])
+    return turns, trims, trim_steps

@@ -29,15 +29,13 @@ class SingleLevel:
 
     def ready(self, memory: tuple[()]) -> Array:
         """The network chooses at every decision."""
-        return jnp.bool_(True)
+        return jnp.asarray(True)
 
     def features(self, memory: tuple[()], percept: Percept) -> Array:
         """The observation, [26]."""
         return percept.features
 
-    def decide(
-        self, memory: tuple[()], percept: Percept, choice: Array
-    ) -> tuple[Array, tuple[()]]:
+    def decide(self, memory: tuple[()], percept: Percept, choice: Array) -> tuple[Array, tuple[()]]:
         """The choice is the low-level action."""
         return choice, memory
 

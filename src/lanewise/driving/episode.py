@@ -88,9 +88,7 @@ def judge(
     terminated = accident != accidents.NONE
     offset = observation.lane_offset(world)
     outcome = Outcome(
-        reward=reward.total(
-            settings.reward, world.vehicles.speed[0], offset, steering, terminated
-        ),
+        reward=reward.total(settings.reward, world.vehicles.speed[0], offset, steering, terminated),
         accident=accident,
         terminated=terminated,
         truncated=(decisions >= duration) & ~terminated,

@@ -90,7 +90,13 @@ def features(settings: ObservationSettings, world: World) -> Array:
     width = jnp.sum(jnp.where(world.road.present, world.road.width, 0.0))
     half_lane = world.road.width[0] / 2.0
     if settings.scaling == "highway-env":
-        ego_ranges = other_ranges = (1.0, HIGHWAY_ENV_X, width, HIGHWAY_ENV_SPEED, HIGHWAY_ENV_SPEED)
+        ego_ranges = other_ranges = (
+            1.0,
+            HIGHWAY_ENV_X,
+            width,
+            HIGHWAY_ENV_SPEED,
+            HIGHWAY_ENV_SPEED,
+        )
         limit = 1.0
     else:
         speed, relative = settings.speed_range, settings.relative_speed_range

@@ -1,1 +1,1 @@
-
+"""Test episodes, their metrics with definitions and units, and statistics."""

@@ -67,9 +67,7 @@ class Sums:
 
 def start(course: TestCourse, seed: int, index: int) -> World:
     """The world at the start of episode ``index``."""
-    return trap.sample(
-        course.scenario, trap.start_key(seed, course.split, index), course.split
-    )
+    return trap.sample(course.scenario, trap.start_key(seed, course.split, index), course.split)
 
 
 def test(course: TestCourse, parameters: Parameters, seed: int, count: int) -> Episodes:
@@ -134,7 +132,8 @@ def gather(
         goals=memory.ended if with_goals else sums.goals,
         timed_out=memory.timed_out if with_goals else sums.timed_out,
     )
-    return jax.tree.map(lambda old, new: jnp.where(sums.over, old, new), sums, after)
+    kept: Sums = jax.tree.map(lambda old, new: jnp.where(sums.over, old, new), sums, after)
+    return kept
 
 
 @partial(jax.jit, static_argnums=0)
@@ -150,14 +149,15 @@ def _drive_one(course: TestCourse, parameters: Parameters, world: World) -> Sums
 
     def decide(_: Array, carry: tuple[Episode, Any, Sums]) -> tuple[Episode, Any, Sums]:
         state, memory, sums = carry
-        state, memory, outcome, _ = decision(course, parameters, state, memory)
+        state, memory, outcome, _trace = decision(course, parameters, state, memory)
         return state, memory, gather(course.driving, sums, state, outcome, memory)
 
     state = episode.begin(world)
     seen = percept.of(course.driving.observation, world)
     memory = course.controller.start(parameters, seen)
     carry = (state, memory, nothing_yet())
-    return jax.lax.fori_loop(0, course.duration, decide, carry)[2]
+    sums: Sums = jax.lax.fori_loop(0, course.duration, decide, carry)[2]
+    return sums
 
 
 def decision(

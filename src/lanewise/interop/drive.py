@@ -18,7 +18,6 @@ from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Parameters
 from lanewise.driving import episode, observation, percept
 from lanewise.driving.episode import Episode
-from lanewise.driving.settings import ObservationSettings
 from lanewise.evaluation import drive
 from lanewise.evaluation.drive import Sums, TestCourse
 from lanewise.evaluation.episodes import Episodes, Recording
@@ -104,7 +103,8 @@ def _single(world: World) -> World:
         array = np.asarray(leaf)
         return jnp.asarray(array.astype(np.float32) if array.dtype == np.float64 else array)
 
-    return jax.tree.map(narrow, world)
+    narrowed: World = jax.tree.map(narrow, world)
+    return narrowed
 
 
 @partial(jax.jit, static_argnums=0)

@@ -69,7 +69,9 @@ def _check_vehicle(vehicle: Any) -> None:
         return
     if not isinstance(vehicle, IDMVehicle):
         raise SettingsError(f"a {kind.__name__} cannot be read; use Vehicle or IDMVehicle")
-    changed = [name for name in _IDM_METHODS if getattr(kind, name) is not getattr(IDMVehicle, name)]
+    changed = [
+        name for name in _IDM_METHODS if getattr(kind, name) is not getattr(IDMVehicle, name)
+    ]
     if changed:
         raise SettingsError(f"{kind.__name__} changes {', '.join(changed)} of IDMVehicle")
     if vehicle.route:
@@ -97,9 +99,7 @@ def _read_drivers(vehicles: list[Any], controlled: list[Any]) -> Drivers:
         else:
             kinds.append(EXTERNAL if any(vehicle is c for c in controlled) else CONSTANT)
     rule_based = [v if isinstance(v, IDMVehicle) else IDMVehicle for v in vehicles]
-    parameters = {
-        name: _floats(read(v) for v in rule_based) for name, read in _PARAMETERS.items()
-    }
+    parameters = {name: _floats(read(v) for v in rule_based) for name, read in _PARAMETERS.items()}
     return Drivers(
         kind=np.array(kinds, np.int32),  # type: ignore[arg-type]
         target_speed=_floats(getattr(v, "target_speed", 0) for v in vehicles),
@@ -165,7 +165,9 @@ def read_world(env: Any) -> World:
 def _row(part: Any, index: int) -> SimpleNamespace:
     """One vehicle's or lane's values as plain Python numbers."""
     names = (field.name for field in fields(part))
-    return SimpleNamespace(**{name: np.asarray(getattr(part, name))[index].item() for name in names})
+    return SimpleNamespace(
+        **{name: np.asarray(getattr(part, name))[index].item() for name in names}
+    )
 
 
 def _present(part: Any) -> list[int]:

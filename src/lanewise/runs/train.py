@@ -19,6 +19,7 @@ from lanewise.runs.folder import RunFolder
 from lanewise.runs.metrics import MetricsWriter
 from lanewise.training import progress as stages
 from lanewise.training import recipe
+from lanewise.training import stage as stage_loop
 from lanewise.training.progress import Ledger, StagePlan, StageProgress
 
 INTERVAL = 10.0
@@ -184,7 +185,7 @@ def _blank(folder: RunFolder, index: int) -> dict[str, Any]:
         earlier.level: trained.blank_network(folder, earlier) for earlier in recipe_stages[:index]
     }
     state = jax.eval_shape(
-        lambda levels: stages.stage.begin(plan.course, levels, jax.random.key(0)), frozen
+        lambda levels: stage_loop.begin(plan.course, levels, jax.random.key(0)), frozen
     )
     return {"state": state, "best": state.learner.online}
 
@@ -192,6 +193,8 @@ def _blank(folder: RunFolder, index: int) -> dict[str, Any]:
 def _restored(progress: StageProgress, found: checkpoint.Checkpoint) -> StageProgress:
     """The progress stored in a checkpoint; ``progress`` lends its structure."""
     stored = tree.unflatten({"state": progress.state, "best": progress.best}, found.arrays)
-    ledger = found.meta["ledger"]
-    books = Ledger(**{name: tuple(v) if isinstance(v, list) else v for name, v in ledger.items()})
-    return StageProgress(stored["state"], stored["best"], books)
+    ledger: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in found.meta["ledger"].items()
+    }
+    return StageProgress(stored["state"], stored["best"], Ledger(**ledger))

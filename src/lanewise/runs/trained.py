@@ -126,9 +126,7 @@ def blank_network(folder: RunFolder, stage: Stage) -> network.Parameters:
     course = recipe.course(folder.settings, stage)
     controller, hidden = course.controller, course.stage.learner.hidden
     shapes: network.Parameters = jax.eval_shape(
-        lambda key: network.init(
-            key, controller.feature_count, hidden, controller.choice_count
-        ),
+        lambda key: network.init(key, controller.feature_count, hidden, controller.choice_count),
         jax.random.key(0),
     )
     return shapes

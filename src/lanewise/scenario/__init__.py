@@ -1,1 +1,1 @@
-
+"""Who stands where at the start, who drives how, and what counts as success."""

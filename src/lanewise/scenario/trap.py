@@ -88,7 +88,7 @@ def _distances(settings: TrapSettings, key: Array, split: str) -> tuple[Array, A
 
 
 def _traffic_positions(settings: TrapSettings, key: Array, trap_x: Array) -> Array:
-    """x of the vehicles ahead, then of those behind, m: a first gap, then jittered spacings."""
+    """Places of the vehicles ahead, then of those behind, m: a first gap, then jittered ones."""
     traffic = settings.traffic
     jitter = jax.random.uniform(
         key, (traffic.vehicles_ahead + traffic.vehicles_behind,), jnp.float32, -1.0, 1.0

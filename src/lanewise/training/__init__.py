@@ -1,1 +1,1 @@
-
+"""Recipes of stages as data, and the compiled loop that advances a stage."""

@@ -168,7 +168,7 @@ def _score(plan: StagePlan, ledger: Ledger, validation: Episodes | None) -> tupl
 
 def _episode_lines(plan: StagePlan, ledger: Ledger, finished: Finished) -> list[dict[str, Any]]:
     """A line for each completed episode; ``finished`` has axes [iteration, world]."""
-    lines = []
+    lines: list[dict[str, Any]] = []
     for iteration, world in np.argwhere(finished.done):
         at = (iteration, world)
         lines.append(

@@ -20,21 +20,36 @@ class RecipeSettings(Protocol):
     """The settings a recipe reads; `lanewise.config.Settings` is the one there is."""
 
     @property
-    def scenario(self) -> TrapSettings: ...
+    def scenario(self) -> TrapSettings:
+        """Who stands where at the start."""
+
     @property
-    def driving(self) -> DrivingSettings: ...
+    def driving(self) -> DrivingSettings:
+        """The decision process."""
+
     @property
-    def goals(self) -> GoalSettings: ...
+    def goals(self) -> GoalSettings:
+        """What the high level may ask for."""
+
     @property
-    def planner(self) -> PlannerSettings: ...
+    def planner(self) -> PlannerSettings:
+        """The planner of step 1."""
+
     @property
-    def evaluation(self) -> EvaluationSettings: ...
+    def evaluation(self) -> EvaluationSettings:
+        """How controllers are tested."""
+
     @property
-    def single_level(self) -> StageSettings: ...
+    def single_level(self) -> StageSettings:
+        """Training of the single-level controller."""
+
     @property
-    def high_level(self) -> StageSettings: ...
+    def high_level(self) -> StageSettings:
+        """Step 1."""
+
     @property
-    def low_level(self) -> StageSettings: ...
+    def low_level(self) -> StageSettings:
+        """Step 2."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +99,7 @@ def validation_course(settings: RecipeSettings, stage: Stage) -> TestCourse:
     return replace(test_course(settings, stage.controller), split="validation")
 
 
-def test_course(
-    settings: RecipeSettings, name: str, renewal: str | None = None
-) -> TestCourse:
+def test_course(settings: RecipeSettings, name: str, renewal: str | None = None) -> TestCourse:
     """Greedy test episodes of a controller; goals renewed as its test setting says."""
     return TestCourse(
         scenario=settings.scenario,

@@ -133,9 +133,7 @@ def step(
     controller = course.controller
 
     pending, memory, action = _choose(course, parameters, rollout, epsilon, explore_key)
-    state, outcome = episode.step(
-        course.driving, rollout.episode, action, course.stage.duration
-    )
+    state, outcome = episode.step(course.driving, rollout.episode, action, course.stage.duration)
     seen = percept.of(course.driving.observation, state.world)
     pending = _gather(course, pending, outcome, controller.penalty(memory, seen))
     memory = controller.perceive(parameters, memory, seen)
@@ -204,9 +202,7 @@ def _transition(
     )
 
 
-def _count(
-    driving: DrivingSettings, tally: Tally, state: Episode, outcome: Outcome
-) -> Tally:
+def _count(driving: DrivingSettings, tally: Tally, state: Episode, outcome: Outcome) -> Tally:
     """Sums after one more decision."""
     second = (state.decisions % driving.decisions_per_timestep == 0) | outcome.terminated
     return Tally(

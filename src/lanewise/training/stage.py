@@ -25,6 +25,10 @@ CHUNK = 50
 """Iterations in a compiled chunk; an iteration is one decision in every world."""
 
 
+Sums = tuple[Array, Array, Array]
+"""Over the updates of a chunk: their number, their losses, their mean Q-values."""
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class StageState:
@@ -77,7 +81,7 @@ def begin(course: Course, frozen: Parameters, key: Array) -> StageState:
     start_keys = jax.random.split(start_key, settings.worlds)
     return StageState(
         # A copy, because `advance` consumes the state it is given and the caller keeps its key.
-        key=jax.random.clone(key),
+        key=jax.random.clone(key),  # type: ignore[no-untyped-call]
         iteration=jnp.int32(0),
         learner=state,
         replay=replay.empty(settings.learner.replay_capacity, controller.feature_count),
@@ -119,8 +123,8 @@ def epsilon(settings: StageSettings, iteration: Array) -> Array:
 
 
 def _iterate(
-    course: Course, frozen: Parameters, carry: tuple[StageState, tuple[Array, ...]], _: None
-) -> tuple[tuple[StageState, tuple[Array, ...]], Finished]:
+    course: Course, frozen: Parameters, carry: tuple[StageState, Sums], _: None
+) -> tuple[tuple[StageState, Sums], Finished]:
     """One decision in every world, then the updates that are due."""
     state, sums = carry
     step_key, update_key = jax.random.split(jax.random.fold_in(state.key, state.iteration + 2))
@@ -148,9 +152,7 @@ def _drive(
     return after, finished
 
 
-def _learn(
-    course: Course, state: StageState, sums: tuple[Array, ...], key: Array
-) -> tuple[StageState, tuple[Array, ...]]:
+def _learn(course: Course, state: StageState, sums: Sums, key: Array) -> tuple[StageState, Sums]:
     """The updates due after this iteration: a loop of traced length, none during the warm-up.
 
     A loop and not a conditional: a conditional inside a compiled loop may copy its whole carry,
@@ -158,9 +160,7 @@ def _learn(
     """
     settings = course.stage
 
-    def update(
-        index: Array, carry: tuple[Learner, tuple[Array, ...]]
-    ) -> tuple[Learner, tuple[Array, ...]]:
+    def update(index: Array, carry: tuple[Learner, Sums]) -> tuple[Learner, Sums]:
         current, (count, loss, mean_q) = carry
         batch = replay.sample(
             state.replay, jax.random.fold_in(key, index), settings.learner.batch_size
@@ -174,8 +174,10 @@ def _learn(
 
 
 def updates_due(settings: StageSettings, iteration: Array) -> Array:
-    """Updates after iteration number ``iteration`` (the first is 1), so that their running total
-    follows ``updates_per_step``; int32 []."""
+    """Updates after iteration number ``iteration``, the first being 1; int32 [].
+
+    Their running total follows ``updates_per_step``.
+    """
     rate = settings.updates_per_step * settings.worlds
     whole, part = floor(rate), rate - floor(rate)
     # The whole part apart, so that a float32 product of the count stays exact enough.

@@ -1,1 +1,1 @@
-
+"""The road and its traffic, tick by tick; equal to highway-env."""

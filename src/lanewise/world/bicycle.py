@@ -6,16 +6,14 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from lanewise.world.steering import slip_sine
 from lanewise.world.state import World
+from lanewise.world.steering import slip_sine
 
 TOP_SPEED = 40.0
 """Beyond plus or minus this speed the *acceleration* is limited, m/s; speed itself never is."""
 
 
-def command(
-    world: World, acceleration: ArrayLike, steering: ArrayLike, vehicle: int = 0
-) -> World:
+def command(world: World, acceleration: ArrayLike, steering: ArrayLike, vehicle: int = 0) -> World:
     """Give an external vehicle its commands, to be kept until the next.
 
     Args:
@@ -35,9 +33,7 @@ def command(
         world,
         vehicles=replace(
             vehicles,
-            acceleration=jnp.where(
-                chosen, jnp.asarray(acceleration, dtype), vehicles.acceleration
-            ),
+            acceleration=jnp.where(chosen, jnp.asarray(acceleration, dtype), vehicles.acceleration),
             slip_sine=jnp.where(chosen, slip, vehicles.slip_sine),
         ),
     )

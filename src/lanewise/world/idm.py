@@ -13,7 +13,7 @@ from lanewise.world.state import Drivers, World
 
 
 def power(base: Array, exponent: Array) -> Array:
-    """base ** exponent for base >= 0 and exponent > 0, faster than the general power.
+    """Power base ** exponent for base >= 0 and exponent > 0, faster than the general one.
 
     Args:
         base: any shape.

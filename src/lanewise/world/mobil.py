@@ -52,9 +52,7 @@ def _relief(world: World, motion: Motion, rear: Rear, front: Front) -> Array:
 
     The free-road term is the same in both and is left out (`cancelled-free-road-term`).
     """
-    behind_me = _followed(
-        world, rear, world.vehicles.x, (motion.velocity_x, motion.velocity_y)
-    )
+    behind_me = _followed(world, rear, world.vehicles.x, (motion.velocity_x, motion.velocity_y))
     behind_front = _followed(world, rear, front.x, (front.velocity_x, front.velocity_y))
     relief = behind_me - jnp.where(front.exists, behind_front, 0)
     return jnp.where(rear.exists, relief, 0)

@@ -93,7 +93,8 @@ def over_vehicles(count: int, body: Callable[[Array | int, Carry], Carry], start
         The last carry.
     """
     if count > UNROLLED:
-        return lax.fori_loop(0, count, body, start)
+        last: Carry = lax.fori_loop(0, count, body, start)
+        return last
     for index in range(count):
         start = body(index, start)
     return start

@@ -4,12 +4,12 @@ Vehicles are ranked by position once; then a lane is a set of ranks, and the nea
 either side is the next member of that set.
 """
 
-from functools import reduce
-from operator import or_
+from operator import itemgetter
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
-from jax import Array
+from jax import Array, lax
 
 from lanewise.world import road as roads
 from lanewise.world import sets
@@ -72,6 +72,8 @@ class Order(NamedTuple):
     """int32: how many vehicles stand before this one in the order."""
     behind: Array
     """int32: how many vehicles have a smaller x."""
+    vehicle: Array
+    """int32: which vehicle stands at a place."""
 
 
 def sort(x: Array) -> Order:
@@ -84,15 +86,15 @@ def sort(x: Array) -> Order:
         Their order.
     """
     index = jnp.arange(x.shape[0])
-    behind = jnp.zeros(x.shape, jnp.int32)
-    equal = jnp.zeros(x.shape, jnp.int32)
-    for other in range(x.shape[0]):
-        behind += (x[other] < x).astype(jnp.int32)
-        equal += ((x[other] == x) & (other > index)).astype(jnp.int32)
-    return Order(behind + equal, behind)
+    behind = jnp.sum(x[None, :] < x[:, None], axis=1, dtype=jnp.int32)
+    equal = (x[None, :] == x[:, None]) & (index[None, :] > index[:, None])
+    place = behind + jnp.sum(equal, axis=1, dtype=jnp.int32)
+    stands = place[None, :] == index[:, None]
+    vehicle = jnp.sum(jnp.where(stands, index[None, :], 0), axis=1, dtype=jnp.int32)
+    return Order(place, behind, vehicle)
 
 
-def lane_members(world: World, order: Order) -> tuple[sets.Words, ...]:
+def lane_members(world: World, order: Order) -> sets.Words:
     """For each lane the set of places of the vehicles on it.
 
     Args:
@@ -100,22 +102,22 @@ def lane_members(world: World, order: Order) -> tuple[sets.Words, ...]:
         order: of its vehicles.
 
     Returns:
-        For each lane words of shape [].
+        Words of shape [M].
     """
     vehicles = world.vehicles
-    count = vehicles.x.shape[0]
     occupied = roads.occupied_lanes(world.road, vehicles.x, vehicles.y)
     occupied = jnp.where(vehicles.present, occupied, 0)
-    bits = sets.single(order.place, count)
-    members = []
-    for lane in range(world.road.present.shape[0]):
-        here = (occupied & (1 << lane)) != 0
-        words = (jnp.where(here, word, jnp.uint32(0)) for word in bits)
-        members.append(tuple(reduce(or_, [word[i] for i in range(count)]) for word in words))
-    return tuple(members)
+    bit = 1 << jnp.arange(world.road.present.shape[0], dtype=jnp.int32)
+    here = (occupied[None, :] & bit[:, None]) != 0
+    bits = sets.single(order.place, vehicles.x.shape[0])
+    # Places differ, so that a sum of bits is their union.
+    return tuple(
+        jnp.sum(jnp.where(here, word[None, :], jnp.uint32(0)), axis=1, dtype=jnp.uint32)
+        for word in bits
+    )
 
 
-def search(world: World, motion: Motion, lanes: tuple[Array, ...]) -> tuple[Pair, ...]:
+def search(world: World, motion: Motion, lanes: Array) -> Pair:
     """Neighbours of every vehicle on given lanes.
 
     ``Road.neighbour_vehicles``: among the other vehicles on the lane, ahead is the nearest with
@@ -125,50 +127,44 @@ def search(world: World, motion: Motion, lanes: tuple[Array, ...]) -> tuple[Pair
     Args:
         world: one world.
         motion: its motion.
-        lanes: for each query int32 [N]; outside the road nobody is found.
+        lanes: int32 [Q, N], the lane of each query; outside the road nobody is found.
 
     Returns:
-        One `Pair` per query.
+        Neighbours, arrays [Q, N].
     """
     x, speed = world.vehicles.x, world.vehicles.speed
     count = x.shape[0]
     order = sort(x)
     members = lane_members(world, order)
-    myself = sets.single(order.place, count)
-    behind_me = sets.below(order.behind, count)
 
-    def look(lane: Array) -> Pair:
-        here = tuple(jnp.zeros(lane.shape, jnp.uint32) for _ in myself)
-        for index, words in enumerate(members):
-            on = lane == index
-            here = tuple(jnp.where(on, new, old) for new, old in zip(words, here, strict=True))
-        ahead = sets.without(sets.without(here, behind_me), myself)
-        behind = sets.both(here, behind_me)
-        first, last = sets.smallest(ahead), sets.largest(behind)
+    def look(lane: Array) -> tuple[Array, Array]:
+        here = tuple(roads.pick(word, lane) for word in members)
+        here = tuple(jnp.where(lane < 0, jnp.uint32(0), word) for word in here)
+        behind_me = sets.below(order.behind, count)
+        ahead = sets.without(sets.without(here, behind_me), sets.single(order.place, count))
+        return sets.smallest(ahead), sets.largest(sets.both(here, behind_me))
 
-        def of_front(values: Array) -> Array:
-            return sets.chosen(values, order.place, first)
+    # A loop keeps its results; without it XLA would compute them anew in every use.
+    first, last = lax.map(look, lanes)
 
-        def of_rear(values: Array) -> Array:
-            return sets.chosen(values, order.place, last)
+    def of(place: Array, values: Array) -> Array:
+        return values[order.vehicle[place]]
 
-        front = Front(
-            exists=first >= 0,
-            x=of_front(x),
-            velocity_x=of_front(motion.velocity_x),
-            velocity_y=of_front(motion.velocity_y),
-        )
-        rear = Rear(
-            exists=last >= 0,
-            x=of_rear(x),
-            speed=of_rear(speed),
-            cosine=of_rear(motion.cosine),
-            sine=of_rear(motion.sine),
-            effort=of_rear(motion.effort),
-        )
-        return Pair(front, rear)
-
-    return tuple(look(lane) for lane in lanes)
+    front = Front(
+        exists=first >= 0,
+        x=of(first, x),
+        velocity_x=of(first, motion.velocity_x),
+        velocity_y=of(first, motion.velocity_y),
+    )
+    rear = Rear(
+        exists=last >= 0,
+        x=of(last, x),
+        speed=of(last, speed),
+        cosine=of(last, motion.cosine),
+        sine=of(last, motion.sine),
+        effort=of(last, motion.effort),
+    )
+    return Pair(front, rear)
 
 
 def find(world: World, motion: Motion) -> Neighbours:
@@ -183,4 +179,6 @@ def find(world: World, motion: Motion) -> Neighbours:
     """
     target = world.vehicles.target_lane
     aside = jnp.where(motion.lane == target, motion.lane - 1, target)
-    return Neighbours(*search(world, motion, (motion.lane, aside, motion.lane + 1)))
+    lanes = jnp.stack([motion.lane, aside, motion.lane + 1])
+    found = search(world, motion, lanes)
+    return Neighbours(*(jax.tree.map(itemgetter(query), found) for query in range(3)))

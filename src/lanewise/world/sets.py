@@ -7,6 +7,7 @@ nearest member is a count of leading zeros: a tick needs no loop that carries th
 from collections.abc import Callable
 from functools import reduce
 from operator import or_
+from typing import TypeVar
 
 import jax.numpy as jnp
 from jax import Array, lax
@@ -14,6 +15,19 @@ from jax import Array, lax
 BITS = 32
 Words = tuple[Array, ...]
 """uint32 arrays of one shape, the lowest bits first."""
+
+
+Tree = TypeVar("Tree")
+
+
+def settled(values: Tree) -> Tree:
+    """The same values, computed once and kept.
+
+    XLA would otherwise recompute them inside every expression that uses them, which on a CPU costs
+    more than a third of a tick.
+    """
+    kept: Tree = lax.optimization_barrier(values)  # type: ignore[no-untyped-call]
+    return kept
 
 
 def word_count(count: int) -> int:

@@ -86,4 +86,5 @@ def run(world: World, duration: ArrayLike, count: int) -> World:
     Returns:
         The world ``count`` ticks later.
     """
-    return lax.fori_loop(0, count, lambda _, state: tick(state, duration), world)
+    later: World = lax.fori_loop(0, count, lambda _, state: tick(state, duration), world)
+    return later
