@@ -9,7 +9,7 @@ import numpy as np
 from highway_env.envs import HighwayEnv
 from jax import lax
 
-from lanewise.interop.highway_env import build_env, read_world
+from lanewise.interop.highway_env import build_env, command_table, read_world
 from lanewise.world import bicycle, tick
 from lanewise.world.state import RULE_BASED
 
@@ -113,17 +113,6 @@ def free_run(worlds, commands, duration, ticks):
         return batch, batch.vehicles
 
     return lax.scan(decide, worlds, commands)[1]
-
-
-def command_table(env):
-    """The nine commands of an environment's DiscreteAction, [9, 2] m/s^2 and rad."""
-    stored = dict(env.vehicle.action)
-    table = []
-    for action in range(9):
-        env.action_type.act(action)
-        table.append([float(env.vehicle.action[name]) for name in ("acceleration", "steering")])
-    env.vehicle.action = stored
-    return np.array(table)
 
 
 def compare_runs(envs, worlds, actions):

@@ -14,7 +14,6 @@ from lanewise.driving.percept import Percept
 from lanewise.driving.settings import DrivingSettings
 from lanewise.learning import network
 
-
 FEATURES = observation.SIZE + goals.FEATURES
 """Inputs of the low-level network."""
 

@@ -27,6 +27,8 @@ HEADING_LIMIT = 0.2
 """The preview pays for headings above this, rad."""
 LOOK_AHEAD = 1.0
 """The final offset is judged where the car will be this much later, s."""
+REST = 0.28
+"""Coming to rest farther from the lane's centre than this costs extra, m: goals want 0.3."""
 
 
 def act(settings: PlannerSettings, driving: DrivingSettings, goal: Goal, percept: Percept) -> Array:
@@ -42,7 +44,8 @@ def act(settings: PlannerSettings, driving: DrivingSettings, goal: Goal, percept
     offset, heading, speed = (
         jnp.broadcast_to(value, (len(turns),)) for value in (offset, percept.heading, percept.speed)
     )
-    cost = jnp.zeros_like(speed)
+    quantum = driving.actions.acceleration / driving.decision_frequency
+    cost = 0.2 * jnp.abs(trim)
     for step in range(settings.preview):
         turn = jnp.asarray(turns[:, step], speed.dtype)
         straight = (turn == 0) & (jnp.abs(heading) < STRAIGHT)
@@ -53,14 +56,17 @@ def act(settings: PlannerSettings, driving: DrivingSettings, goal: Goal, percept
         pull = jnp.where(straight & ~held, pull, 0.0)
         if step == 0:
             first = (turn, pull)
+        # A trim is paid for once, not while it is held: so half a swing costs what its rest costs.
+        wanted = goal.speed + jnp.where(trim_steps <= step, trim * quantum, 0.0)
         offset, heading, speed = _preview(driving, offset, heading, speed, turn, pull)
         cost += (
             0.3 * offset**2
             + (100.0 * jnp.maximum(jnp.abs(heading) - HEADING_LIMIT, 0.0)) ** 2
             + 0.01 * jnp.abs(turn)
-            + 0.1 * jnp.abs(speed - goal.speed)
+            + 0.1 * jnp.abs(speed - wanted)
         )
-    cost += 10.0 * (offset + LOOK_AHEAD * speed * jnp.sin(heading)) ** 2
+    final = offset + LOOK_AHEAD * speed * jnp.sin(heading)
+    cost += 10.0 * final**2 + 10.0 * jnp.maximum(jnp.abs(final) - REST, 0.0)
     cost += 0.3 * (30.0 * heading) ** 2
     best = jnp.argmin(cost)
     turn, pull = (value[best].astype(jnp.int32) for value in first)

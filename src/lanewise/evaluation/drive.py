@@ -65,8 +65,12 @@ class Sums:
     """int32 [] goals given up."""
 
 
+@partial(jax.jit, static_argnums=0)
 def start(course: TestCourse, seed: int, index: int) -> World:
-    """The world at the start of episode ``index``."""
+    """The world at the start of episode ``index``.
+
+    Compiled, because op by op its numbers would be rounded differently from those in a block.
+    """
     return trap.sample(course.scenario, trap.start_key(seed, course.split, index), course.split)
 
 

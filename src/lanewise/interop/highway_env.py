@@ -319,3 +319,25 @@ def build_env(
     env.define_spaces()
     env.time, env.steps, env.done = 0, 0, False
     return env
+
+
+def command_table(env: Any) -> Any:
+    """The commands that an environment's nine discrete actions stand for.
+
+    highway-env computes them in float32 (`float32-actions`), so that a steering of pi / 50 is not
+    exactly that; comparisons in float64 must use these values.
+
+    Args:
+        env: an environment with a DiscreteAction of three values an axis.
+
+    Returns:
+        float64 NumPy array [9, 2]: acceleration, m/s^2, and steering, rad.
+    """
+    env = env.unwrapped
+    stored = dict(env.vehicle.action)
+    table = []
+    for action in range(env.action_space.n):
+        env.action_type.act(action)
+        table.append([float(env.vehicle.action[name]) for name in ("acceleration", "steering")])
+    env.vehicle.action = stored
+    return np.array(table)

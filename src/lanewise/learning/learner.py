@@ -56,7 +56,7 @@ def begin(key: jax.Array, settings: LearnerSettings, inputs: int, outputs: int) 
         online=online,
         # A copy of its own, so that a caller may donate the whole learner to a compiled function.
         target=jax.tree.map(jnp.copy, online),
-        optimiser=optax.adam(settings.learning_rate).init(online),
+        optimiser=_adam(settings).init(online),
         updates=jnp.zeros((), jnp.int32),
     )
 
@@ -80,7 +80,7 @@ def update(
     (_, metrics), gradient = jax.value_and_grad(_loss, has_aux=True)(
         learner.online, settings.double, q_next_target, batch
     )
-    step, optimiser = optax.adam(settings.learning_rate).update(gradient, learner.optimiser)
+    step, optimiser = _adam(settings).update(gradient, learner.optimiser)
     online: Parameters = optax.apply_updates(learner.online, step)
     updates = learner.updates + 1
     after = Learner(
@@ -90,6 +90,17 @@ def update(
         updates=updates,
     )
     return after, metrics
+
+
+def _adam(settings: LearnerSettings) -> optax.GradientTransformation:
+    """Adam with the settings' step size, constant or falling linearly."""
+    if settings.learning_rate_decay == 0:
+        return optax.adam(settings.learning_rate)
+    return optax.adam(
+        optax.linear_schedule(
+            settings.learning_rate, settings.final_learning_rate, settings.learning_rate_decay
+        )
+    )
 
 
 def _loss(

@@ -35,6 +35,11 @@ class LearnerSettings:
     """gamma."""
     learning_rate: Annotated[float, Between(1e-8, 1.0)] = 1e-3
     """Adam's step size."""
+    final_learning_rate: Annotated[float, Between(1e-8, 1.0)] = 1e-3
+    """Adam's step size once it has fallen, linearly, over `learning_rate_decay` updates."""
+    learning_rate_decay: Annotated[int, Between(0, 1_000_000_000)] = 0
+    """Updates over which the step size falls from `learning_rate` to `final_learning_rate`;
+    0 keeps it constant."""
     batch_size: Annotated[int, Between(1, 65_536)] = 64
     """Transitions in an update."""
     replay_capacity: Annotated[int, Between(1, 10_000_000)] = 50_000

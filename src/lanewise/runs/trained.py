@@ -1,6 +1,6 @@
 """Trained controllers on disk: what a stage hands on, and the finished controller of a run."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -104,12 +104,11 @@ def take_over_high_level(folder: RunFolder, source: Path) -> None:
     other = RunFolder.open(source)
     if not has_stage(other, first.name):
         raise RunError(f"{source} has no finished {first.name}: it cannot lend its high level")
-    for part in ("goals", "driving"):
-        if getattr(other.settings, part) != getattr(folder.settings, part):
-            raise RunError(
-                f"{source} was made with other {part} settings: its high level would not fit; "
-                "give the same ones"
-            )
+    if _seen_by_high_level(other.settings) != _seen_by_high_level(folder.settings):
+        raise RunError(
+            f"{source} was made with other goals or driving settings: its high level would not "
+            "fit; give the same ones"
+        )
     if other.settings.high_level.learner.hidden != folder.settings.high_level.learner.hidden:
         raise RunError(f"{source} has another high-level network (high_level.learner.hidden)")
     parameters = load_stage(other, first)
@@ -119,6 +118,12 @@ def take_over_high_level(folder: RunFolder, source: Path) -> None:
         "metrics_bytes": 0,
     }
     save_stage(folder, first, parameters, meta)
+
+
+def _seen_by_high_level(settings: Settings) -> tuple[Any, ...]:
+    """What a high level depends on; when step 2 and tests renew goals is not part of it."""
+    goals = replace(settings.goals, training_renewal="critic", test_renewal="critic")
+    return goals, settings.driving
 
 
 def blank_network(folder: RunFolder, stage: Stage) -> network.Parameters:

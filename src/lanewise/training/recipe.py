@@ -85,11 +85,15 @@ def controller(settings: RecipeSettings, name: str, renewal: str) -> Controller:
 
 
 def course(settings: RecipeSettings, stage: Stage) -> Course:
-    """The static part of a stage."""
+    """The static part of a stage.
+
+    In step 1 goals are always held by the critic; `GoalSettings.training_renewal` speaks of step 2.
+    """
+    renewal = settings.goals.training_renewal if stage.controller == "hierarchical" else "critic"
     return Course(
         scenario=settings.scenario,
         driving=settings.driving,
-        controller=controller(settings, stage.controller, settings.goals.training_renewal),
+        controller=controller(settings, stage.controller, renewal),
         stage=getattr(settings, stage.level),
     )
 

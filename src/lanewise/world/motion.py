@@ -3,21 +3,16 @@
 Positions change only after everyone has decided, so these are computed once a tick.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax import Array, lax
+from jax import Array
 
 from lanewise.world import road as roads
 from lanewise.world.state import RULE_BASED, World
 
 SMALLEST = 1e-2
 """`not_zero` keeps numbers at least this far from zero."""
-UNROLLED = 0
-"""Up to this many vehicles a pass over them is unrolled, which fuses; beyond, it is a loop."""
-
-Carry = TypeVar("Carry")
 
 
 class Motion(NamedTuple):
@@ -79,22 +74,3 @@ def observe(world: World) -> Motion:
         effort=jnp.maximum(vehicles.speed, 0) / jnp.abs(not_zero(target_speed)),
         decides=vehicles.present & (drivers.kind == RULE_BASED) & ~vehicles.crashed,
     )
-
-
-def over_vehicles(count: int, body: Callable[[Array | int, Carry], Carry], start: Carry) -> Carry:
-    """Run ``body(index, carry)`` for every vehicle in list order.
-
-    Args:
-        count: number of vehicles N, static.
-        body: one pass; must accept a Python or a traced index.
-        start: first carry.
-
-    Returns:
-        The last carry.
-    """
-    if count > UNROLLED:
-        last: Carry = lax.fori_loop(0, count, body, start)
-        return last
-    for index in range(count):
-        start = body(index, start)
-    return start

@@ -138,8 +138,8 @@ def search(world: World, motion: Motion, lanes: Array) -> Pair:
     members = lane_members(world, order)
 
     def look(lane: Array) -> tuple[Array, Array]:
-        here = tuple(roads.pick(word, lane) for word in members)
-        here = tuple(jnp.where(lane < 0, jnp.uint32(0), word) for word in here)
+        outside = (lane < 0) | (lane >= members[0].shape[0])
+        here = tuple(jnp.where(outside, 0, roads.pick(word, lane)) for word in members)
         behind_me = sets.below(order.behind, count)
         ahead = sets.without(sets.without(here, behind_me), sets.single(order.place, count))
         return sets.smallest(ahead), sets.largest(sets.both(here, behind_me))
@@ -148,7 +148,7 @@ def search(world: World, motion: Motion, lanes: Array) -> Pair:
     first, last = lax.map(look, lanes)
 
     def of(place: Array, values: Array) -> Array:
-        return values[order.vehicle[place]]
+        return sets.member(values, sets.member(order.vehicle, place))
 
     front = Front(
         exists=first >= 0,

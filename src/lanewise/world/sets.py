@@ -7,7 +7,6 @@ nearest member is a count of leading zeros: a tick needs no loop that carries th
 from collections.abc import Callable
 from functools import reduce
 from operator import or_
-from typing import TypeVar
 
 import jax.numpy as jnp
 from jax import Array, lax
@@ -15,19 +14,6 @@ from jax import Array, lax
 BITS = 32
 Words = tuple[Array, ...]
 """uint32 arrays of one shape, the lowest bits first."""
-
-
-Tree = TypeVar("Tree")
-
-
-def settled(values: Tree) -> Tree:
-    """The same values, computed once and kept.
-
-    XLA would otherwise recompute them inside every expression that uses them, which on a CPU costs
-    more than a third of a tick.
-    """
-    kept: Tree = lax.optimization_barrier(values)  # type: ignore[no-untyped-call]
-    return kept
 
 
 def word_count(count: int) -> int:
@@ -123,20 +109,15 @@ def largest(words: Words) -> Array:
     return result
 
 
-def chosen(values: Array, names: Array, name: Array) -> Array:
-    """The value whose name is asked for: ``values[names == name]``.
-
-    A chain of selections: for a few vehicles it is faster than a gather on a CPU.
+def member(values: Array, index: Array) -> Array:
+    """The value of a member, ``values[index]``; any value for the -1 of an empty set.
 
     Args:
         values: [N].
-        names: int [N], all different.
-        name: int, any shape.
+        index: int, any shape, below N.
 
     Returns:
-        That shape; the first value where no name fits.
+        That shape.
     """
-    result = jnp.broadcast_to(values[0], name.shape)
-    for index in range(1, values.shape[0]):
-        result = jnp.where(name == names[index], values[index], result)
-    return result
+    value: Array = values.at[jnp.maximum(index, 0)].get(mode="promise_in_bounds")
+    return value

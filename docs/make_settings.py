@@ -1,0 +1,106 @@
+"""Writes settings.md from the settings' dataclasses, and brings quoted defaults up to date.
+
+Run it after changing a setting: ``python docs/make_settings.py``. A test fails until that is done.
+Wherever a page quotes a setting as `` `name = value` ``, the value is the default's and is
+rewritten here.
+"""
+
+import ast
+import dataclasses
+import inspect
+import json
+import re
+import textwrap
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from lanewise import config
+from lanewise.config import PRESETS, TRAPS, Settings
+from lanewise.ranges import Kind
+
+DOCS = Path(__file__).parent
+PAGES = (DOCS.parent / "README.md", *sorted(DOCS.glob("*.md")))
+QUOTED = re.compile(r"`([a-z_]+(?:\.[a-z_]+)+) = [^`]*`")
+
+INTRODUCTION = """\
+# Settings
+
+Written by `python docs/make_settings.py` from the dataclasses; do not edit. Defaults are those of
+preset `quick` and trap `trap-10`. On the command line a setting is a flag with dashes
+(`--scenario.trap-speed 9.5`), in a TOML file a name in its section. Every number is checked to be
+finite and in its range.
+"""
+
+
+def docstrings(owner: type) -> dict[str, str]:
+    """The docstring below each field of a dataclass, on one line."""
+    body = ast.parse(textwrap.dedent(inspect.getsource(owner))).body[0]
+    found = {}
+    for item, below in pairwise(body.body if isinstance(body, ast.ClassDef) else []):
+        if isinstance(item, ast.AnnAssign) and isinstance(below, ast.Expr):
+            found[ast.unparse(item.target)] = " ".join(ast.literal_eval(below.value).split())
+    return found
+
+
+def value(setting: Any) -> str:
+    """A setting's value as TOML spells it."""
+    return json.dumps(setting, allow_nan=False)
+
+
+def sections(owner: type, prefix: str = "") -> list[str]:
+    """A section for each dataclass: its own settings, then the sections below it."""
+    docs, defaults = docstrings(owner), config.flatten(config.compose())
+    rows, below = [], []
+    for name, annotation in get_type_hints(owner, include_extras=True).items():
+        if dataclasses.is_dataclass(annotation):
+            heading = f"## `{prefix}{name}`\n\n{docs[name]}"
+            inner = sections(annotation, f"{prefix}{name}.")  # type: ignore[arg-type]
+            below += [f"{heading}\n\n{inner[0]}".rstrip(), *inner[1:]]
+            continue
+        kind, full = Kind.of(annotation), prefix + name
+        allowed = str(kind if kind.bound is None else kind.bound)
+        cells = (f"`{full}`", f"`{value(defaults[full])}`", allowed, docs[name])
+        rows.append("| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |")
+    head = ["| setting | default | allowed | meaning |", "|---|---|---|---|"] if rows else []
+    return ["\n".join([*head, *rows]), *below]
+
+
+def presets(title: str, table: dict[str, dict[str, object]]) -> str:
+    """What each preset changes in the defaults."""
+    lines = [f"## {title}", ""]
+    for name, changes in table.items():
+        listed = ", ".join(f"`{key}` {value(change)}" for key, change in changes.items())
+        lines.append(f"- **{name}**: {listed or 'the defaults'}")
+    return "\n".join(lines)
+
+
+def page() -> str:
+    """The whole of settings.md."""
+    parts = [INTRODUCTION.rstrip(), *sections(Settings)]
+    parts += [presets("Training presets (`--preset`)", PRESETS)]
+    parts += [presets("Scenario presets (`--trap`)", TRAPS)]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def with_defaults(text: str) -> str:
+    """A page with every quoted default up to date."""
+    defaults = config.flatten(config.compose())
+
+    def quote(match: re.Match[str]) -> str:
+        return f"`{match[1]} = {value(defaults[match[1]])}`"
+
+    return QUOTED.sub(quote, text)
+
+
+def main() -> None:
+    """Writes the pages."""
+    (DOCS / "settings.md").write_text(page(), encoding="utf-8")
+    for path in PAGES:
+        text = path.read_text(encoding="utf-8")
+        if with_defaults(text) != text:
+            path.write_text(with_defaults(text), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

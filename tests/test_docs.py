@@ -1,0 +1,76 @@
+"""The pages say what the program does: settings, defaults, links, commands."""
+
+import importlib.util
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from lanewise import cli, config
+from lanewise.commands.arguments import parse
+
+ROOT = Path(__file__).parents[1]
+PAGES = (ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md")))
+SECTIONS = {name.split(".")[0] for name in config.kinds()}
+
+
+def make_settings():
+    spec = importlib.util.spec_from_file_location("make_settings", ROOT / "docs/make_settings.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def commands(page):
+    """Every `lanewise …` line of the shell examples, comments and continuation lines resolved."""
+    for block in re.findall(r"```sh\n(.*?)```", page.read_text(), re.DOTALL):
+        for line in block.replace("\\\n", " ").splitlines():
+            if line.startswith("lanewise "):
+                yield shlex.split(line, comments=True)[1:]
+
+
+def test_settings_page_is_up_to_date():
+    assert (ROOT / "docs" / "settings.md").read_text() == make_settings().page()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_quoted_defaults_are_the_defaults(page):
+    assert make_settings().with_defaults(page.read_text()) == page.read_text()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_named_settings_exist(page):
+    known = set(config.kinds())
+    sections = {name.rpartition(".")[0] for name in known} | SECTIONS
+    for name in re.findall(r"`([a-z_]+(?:\.[a-z_]+)+)(?: = [^`]*)?`", page.read_text()):
+        if name.split(".")[0] in SECTIONS and not name.endswith((".py", ".toml")):
+            assert name in known or name in sections, name
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_named_flags_exist(page):
+    known = {f"--{name.replace('_', '-')}": kind for name, kind in config.kinds().items()}
+    for flag, value in re.findall(r"`(--[a-z_.-]+\.[a-z.-]+) ([^`]+)`", page.read_text()):
+        known[flag].parse(flag, value.split())
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\((?!https?:)([^)#]+)[^)]*\)", page.read_text()):
+        assert (page.parent / target).exists(), target
+
+
+def test_commands_are_understood(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text("[scenario]\ntrap_speed = 9.5\n")
+    found = [words for page in PAGES for words in commands(page)]
+    for words in found:
+        if "--help" not in words and "--version" not in words:
+            parse(cli.COMMANDS[words[0]], words[1:])
+    assert {words[0] for words in found} >= set(cli.COMMANDS)
+
+
+def test_readme_has_two_set_up_commands():
+    lines = re.findall(r"^python3 -m venv .*$", (ROOT / "README.md").read_text(), re.MULTILINE)
+    assert len(lines) == 2

@@ -1,0 +1,228 @@
+"""Each function against highway-env's own, in float64."""
+
+from types import SimpleNamespace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from highway_env import utils
+from highway_env.road.lane import StraightLane
+from highway_env.road.road import RoadNetwork
+from highway_env.vehicle.behavior import IDMVehicle
+
+from lanewise.interop.highway_env import build_env, command_table, read_world
+from lanewise.world import (
+    bicycle,
+    boxes,
+    build,
+    idm,
+    mobil,
+    motion,
+    neighbours,
+    road,
+    sets,
+    steering,
+    tick,
+)
+from lanewise.world.settings import DriverSettings
+
+pytestmark = pytest.mark.usefixtures("float64")
+RNG_SEED = 3
+
+
+@pytest.fixture
+def scene(make_world):
+    """Twelve vehicles strewn over three lanes, ours and highway-env's."""
+    rng = np.random.default_rng(RNG_SEED)
+    lane = rng.integers(0, 3, 12)
+    world = make_world(
+        rng.uniform(0, 150, 12),
+        lane,
+        rng.uniform(2, 20, 12),
+        y=lane * 4.0 + rng.normal(0, 0.8, 12),
+        heading=rng.normal(0, 0.05, 12),
+        timer=rng.uniform(0.5, 2, 12),
+    )
+    return SimpleNamespace(world=world, env=build_env(world), motion=motion.observe(world))
+
+
+def test_closest_lane():
+    network = RoadNetwork.straight_road_network(3, length=100.0)
+    places = np.random.default_rng(0).uniform([-20, -5], [120, 15], (500, 2))
+    places = np.vstack([places, [[50.0, 2.0], [50.0, 6.0]]])
+    ours = road.closest_lane(
+        road.straight_road(3, length=100.0, lanes_max=5, dtype=np.float64), *jnp.array(places.T)
+    )
+    theirs = [network.get_closest_lane_index(place, 0.1)[2] for place in places]
+    np.testing.assert_array_equal(ours, theirs)
+
+
+def test_occupied_and_reachable_lanes():
+    places = np.random.default_rng(0).uniform([-10, -5], [110, 15], (500, 2))
+    ours = road.straight_road(2, length=100.0, dtype=np.float64)
+    occupied = road.occupied_lanes(ours, *jnp.array(places.T))
+    reachable = road.reachable_lanes(ours, *jnp.array(places.T))
+    for index in range(2):
+        lane = StraightLane([0.0, 4.0 * index], [100.0, 4.0 * index])
+        on = [lane.on_lane(place, margin=1) for place in places]
+        close = [lane.is_reachable_from(place) for place in places]
+        np.testing.assert_array_equal((occupied >> index) & 1, on)
+        np.testing.assert_array_equal((reachable >> index) & 1, close)
+
+
+def test_not_zero_and_wrapped():
+    values = np.array([-20.0, -np.pi, -0.01, -0.001, 0.0, -0.0, 0.001, 0.01, 0.02, np.pi, 9.0])
+    np.testing.assert_array_equal(
+        motion.not_zero(jnp.array(values)), [utils.not_zero(v) for v in values]
+    )
+    wrapped = [utils.wrap_to_pi(v) for v in values]
+    np.testing.assert_allclose(steering.wrapped(jnp.array(values)), wrapped, atol=1e-14)
+
+
+@pytest.mark.parametrize("count", [12, 40])
+def test_neighbours(make_world, count):
+    rng = np.random.default_rng(count)
+    lane = rng.integers(0, 3, count)
+    x = rng.permutation(np.repeat(rng.uniform(0, 200, count // 2), 2))
+    world = make_world(x, lane, y=lane * 4.0 + rng.uniform(-2, 2, count))
+    env = build_env(world)
+    order = neighbours.sort(world.vehicles.x)
+    found = neighbours.search(
+        world,
+        motion.observe(world),
+        jnp.broadcast_to(jnp.arange(3)[:, None], (3, count)),
+    )
+    assert sorted(order.place.tolist()) == list(range(count))
+    everyone = env.road.vehicles
+    for q in range(3):
+        for i, vehicle in enumerate(everyone):
+            front, rear = env.road.neighbour_vehicles(vehicle, ("0", "1", q))
+            assert bool(found.front.exists[q, i]) == (front is not None)
+            assert bool(found.rear.exists[q, i]) == (rear is not None)
+            if front is not None:
+                assert found.front.x[q, i] == front.position[0]
+            if rear is not None:
+                assert found.rear.x[q, i] == rear.position[0]
+
+
+def test_idm(scene):
+    around = neighbours.find(scene.world, scene.motion)
+    free = idm.free_road(scene.world.drivers, scene.motion.effort)
+    ours = free - idm.following(scene.world, scene.motion, around.own.front)
+    for i, vehicle in enumerate(scene.env.road.vehicles):
+        if isinstance(vehicle, IDMVehicle):
+            front, _ = scene.env.road.neighbour_vehicles(vehicle)
+            np.testing.assert_allclose(ours[i], vehicle.acceleration(vehicle, front), rtol=1e-13)
+
+
+def test_mobil(scene):
+    around = neighbours.find(scene.world, scene.motion)
+    sides = ((-1, around.left), (1, around.right))
+    verdicts = []
+    for step, pair in sides:
+        ours = mobil.recommends(scene.world, scene.motion, around.own, pair)
+        for i, vehicle in enumerate(scene.env.road.vehicles):
+            lane = vehicle.lane_index[2] + step
+            changing = step < 0 and vehicle.lane_index[2] != int(
+                scene.world.vehicles.target_lane[i]
+            )
+            if isinstance(vehicle, IDMVehicle) and 0 <= lane < 3 and not changing:
+                verdicts.append(vehicle.mobil(("0", "1", lane)))
+                assert bool(ours[i]) == verdicts[-1]
+    assert True in verdicts
+    assert False in verdicts
+
+
+def test_steering(scene):
+    ours = steering.keep_lane(scene.world, scene.world.vehicles.target_lane)
+    for i, vehicle in enumerate(scene.env.road.vehicles):
+        if isinstance(vehicle, IDMVehicle):
+            limit = vehicle.MAX_STEERING_ANGLE
+            angle = np.clip(vehicle.steering_control(vehicle.target_lane_index), -limit, limit)
+            np.testing.assert_allclose(ours[i], np.sin(np.arctan(np.tan(angle) / 2)), atol=1e-15)
+
+
+def test_bicycle(scene):
+    world = bicycle.command(scene.world, 0.7, -0.3)
+    moved = bicycle.move(world, 0.1).vehicles
+    ego = scene.env.road.vehicles[0]
+    ego.act({"acceleration": 0.7, "steering": -0.3})
+    ego.step(0.1)
+    ours = [float(v[0]) for v in (moved.x, moved.y, moved.heading, moved.speed)]
+    np.testing.assert_allclose(ours, [*ego.position, ego.heading, ego.speed], rtol=1e-14)
+
+
+def test_separating_axes(make_world):
+    rng = np.random.default_rng(5)
+    met = set()
+    for _ in range(300):
+        world = make_world(
+            rng.uniform(0, 7, 2), [0, 0], rng.uniform(-5, 30, 2), y=rng.uniform(-2, 2, 2),
+            heading=rng.normal(0, 0.5, 2),
+        )  # fmt: skip
+        a, b = build_env(world).road.vehicles
+        now, soon, way = a._is_colliding(b, 0.1)
+        mine, theirs = (
+            boxes.Box(*(value[i] for value in boxes.of_vehicles(world))) for i in range(2)
+        )
+        ours = boxes.overlap(mine, theirs, 0.1)
+        assert (bool(ours.now), bool(ours.soon)) == (now, soon)
+        if soon:
+            np.testing.assert_allclose([ours.x, ours.y], way, atol=1e-12)
+        met.add((now, soon))
+    assert met == {(False, False), (False, True), (True, True)}
+
+
+def test_initial_timer():
+    lane = RoadNetwork.straight_road_network(3)
+    vehicle = IDMVehicle(SimpleNamespace(network=lane), [123.4, 8.0], 0, 10)
+    assert float(build.initial_timer(123.4, 8.0)) == vehicle.timer
+
+
+def test_reading_what_was_built(scene):
+    again = read_world(scene.env)
+    for part in ("road", "drivers", "vehicles"):
+        ours, theirs = vars(getattr(scene.world, part)), vars(getattr(again, part))
+        for name, value in ours.items():
+            # Plain vehicles have no driver's parameters to read back.
+            if name not in ("timer", "changes_lanes") and value.shape == (12,):
+                value, theirs[name] = value[1:], theirs[name][1:]
+            if name not in ("timer", "changes_lanes", "target_lane"):
+                np.testing.assert_allclose(value, theirs[name], atol=1e-15, err_msg=name)
+
+
+def test_command_table_is_in_the_order_of_highway_env(scene):
+    table = command_table(scene.env)
+    assert table.shape == (9, 2)
+    for action, (acceleration, angle) in enumerate(table):
+        assert acceleration == (action // 3) - 1
+        np.testing.assert_allclose(angle, (action % 3 - 1) * np.pi / 50, rtol=1e-7)
+
+
+def test_many_ticks_equal_one_by_one(scene):
+    together = tick.run(scene.world, 0.1, 3)
+    world = scene.world
+    for _ in range(3):
+        world = tick.tick(world, 0.1)
+    np.testing.assert_allclose(together.vehicles.x, world.vehicles.x, rtol=1e-14)
+
+
+@pytest.mark.parametrize("count", [1, 31, 32, 33, 64, 70])
+def test_sets_across_words(count):
+    rng = np.random.default_rng(count)
+    inside = rng.random((20, count)) < 0.1
+    words = sets.where(count, lambda member: jnp.array(inside[:, member]))
+    for row, (low, high) in enumerate(
+        zip(sets.smallest(words).tolist(), sets.largest(words).tolist(), strict=True)
+    ):
+        members = np.flatnonzero(inside[row])
+        assert (low, high) == ((members[0], members[-1]) if members.size else (-1, -1))
+    limit = jnp.arange(count + 1)
+    np.testing.assert_array_equal(sets.largest(sets.below(limit, count)), limit - 1)
+    single = sets.single(limit[:-1], count)
+    np.testing.assert_array_equal(sets.smallest(single), limit[:-1])
+
+
+def test_settings_reach_the_driver():
+    drivers = build.make_drivers([DriverSettings(time_gap=0.9)], [2], 3, np.float64)
+    assert drivers.time_gap.tolist() == [0.9] * 3
