@@ -45,7 +45,7 @@ class Settings:
     """Training of the single-level controller."""
     high_level: StageSettings = field(default_factory=StageSettings)
     """Step 1: training of the high level above the planner."""
-    low_level: StageSettings = field(default_factory=lambda: StageSettings(tracking_weight=2.0))
+    low_level: StageSettings = field(default_factory=lambda: StageSettings(tracking_weight=1.0))
     """Step 2: training of the low level below the frozen high level."""
 
 
@@ -57,6 +57,7 @@ _PAPER_STAGE: dict[str, object] = {
     "exploration.start": 0.5,
     "exploration.end": 0.02,
     "exploration.steps": 1000,
+    "learner.learning_rate_decay": 0,
 }
 
 PRESETS: dict[str, dict[str, object]] = {

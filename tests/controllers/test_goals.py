@@ -75,7 +75,9 @@ def test_goal_features_are_scaled_and_clipped():
     seen = percept_of(y=4.0, speed=10.0)
     np.testing.assert_allclose(goals.features(goal(2, 9.0), seen), [1.0, -0.5])
     np.testing.assert_allclose(goals.features(goal(0, 16.0), seen), [-1.0, 2.0])
-    np.testing.assert_allclose(goals.features(goal(0, 9.9), percept_of(y=12.0)), [-2, -0.05], atol=1e-6)
+    np.testing.assert_allclose(
+        goals.features(goal(0, 9.9), percept_of(y=12.0)), [-2, -0.05], atol=1e-6
+    )
 
 
 def test_tracking_is_the_sum_of_the_scaled_distances():

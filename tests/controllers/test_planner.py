@@ -57,7 +57,9 @@ def driven():
     return [
         np.abs(np.asarray(track))
         for track in jax.jit(jax.vmap(drive))(
-            jnp.asarray(speed, jnp.float32), jnp.asarray(lane, jnp.int32), jnp.asarray(target, jnp.float32)
+            jnp.asarray(speed, jnp.float32),
+            jnp.asarray(lane, jnp.int32),
+            jnp.asarray(target, jnp.float32),
         )
     ]
 
@@ -100,7 +102,8 @@ def test_the_planner_stays_on_the_road():
 
 
 @pytest.mark.parametrize(
-    ("target", "speed", "sign"), [(10, 9.6, 1), (10, 9.8, 0), (10, 10.2, 0), (10, 10.4, -1), (10, 3, 1)]
+    ("target", "speed", "sign"),
+    [(10, 9.6, 1), (10, 9.8, 0), (10, 10.2, 0), (10, 10.4, -1), (10, 3, 1)],
 )
 def test_speed_rule_takes_the_nearest_quantum(target, speed, sign):
     assert float(planner.speed_rule(DRIVING, jnp.float32(target), jnp.float32(speed))) == sign

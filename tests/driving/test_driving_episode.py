@@ -86,8 +86,6 @@ def test_an_escape_in_the_decision_of_an_accident_does_not_count():
     before = episode.begin(trap_world(120.0))
     wreck = before.world
     vehicles = replace(wreck.vehicles, crashed=wreck.vehicles.crashed.at[0].set(True))
-    after, outcome = JUDGE(
-        before, replace(wreck, vehicles=vehicles), jnp.int32(actions.IDLE), 50
-    )
+    after, outcome = JUDGE(before, replace(wreck, vehicles=vehicles), jnp.int32(actions.IDLE), 50)
     assert outcome.terminated
     assert not after.escaped

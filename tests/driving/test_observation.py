@@ -95,9 +95,7 @@ def test_lane_offset_is_to_the_nearest_lane_and_positive_to_the_right():
 
 
 def test_fine_scaling_in_closed_form():
-    world = world_of(
-        [100.0, 130.0, 94.0], [4.0, 8.0, 0.0], [12.0, 10.0, 25.0], dtype=np.float64
-    )
+    world = world_of([100.0, 130.0, 94.0], [4.0, 8.0, 0.0], [12.0, 10.0, 25.0], dtype=np.float64)
     rows = rows_of(FEATURES(FINE, world))
     np.testing.assert_allclose(rows[0], [1.0, 0.5, 4.0 / 12.0, 12.0 / 15.0, 0.0])
     np.testing.assert_allclose(rows[1], [1.0, -6.0 / 60.0, -4.0 / 12.0, 2.0, 0.0])
@@ -108,8 +106,6 @@ def test_absent_vehicles_are_not_seen():
     world = world_of([0.0, 10.0, 20.0], [4.0, 4.0, 4.0], [10.0] * 3, dtype=np.float64)
     present = jnp.asarray([True, False, True])
     vehicles = world.vehicles.__class__(**{**vars(world.vehicles), "present": present})
-    rows = rows_of(
-        FEATURES(THEIRS, world.__class__(world.road, world.drivers, vehicles))
-    )
+    rows = rows_of(FEATURES(THEIRS, world.__class__(world.road, world.drivers, vehicles)))
     assert rows[1, 1] == pytest.approx(20.0 / 200.0)
     assert not rows[2:].any()

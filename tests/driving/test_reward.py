@@ -64,7 +64,10 @@ def test_an_accident_replaces_the_reward():
 
 def test_reward_without_an_accident_stays_in_its_documented_bounds():
     values = [
-        total(v, d, a) for v in (-1.0, 0.0, 5.0, 15.0, 30.0) for d in (0.0, 2.0) for a in (0, pi / 50)
+        total(v, d, a)
+        for v in (-1.0, 0.0, 5.0, 15.0, 30.0)
+        for d in (0.0, 2.0)
+        for a in (0, pi / 50)
     ]
     assert max(values) <= 1.0
     assert min(values) >= -0.06 * 0.05 / 1.6 * 1.05

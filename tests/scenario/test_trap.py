@@ -67,7 +67,9 @@ def test_indices_seeds_and_splits_differ():
         world = sample(seed, split, index)
         return tuple(np.asarray(world.vehicles.x[3:] - world.vehicles.x[1]))
 
-    seen = {traffic(*at) for at in [(0, s, i) for s in trap.SPLITS for i in (0, 1)] + [(1, "test", 0)]}
+    seen = {
+        traffic(*at) for at in [(0, s, i) for s in trap.SPLITS for i in (0, 1)] + [(1, "test", 0)]
+    }
     assert len(seen) == 7
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Annotated, Any, TextIO
+from typing import Annotated, Any, TextIO, cast
 
 from lanewise import config
 from lanewise.commands.arguments import Parsed
@@ -114,7 +114,7 @@ def drive_arm(arm: Arm) -> Result:
     from lanewise.runs.train import train
 
     times = {}
-    with Progress(stream=_Prefixed(sys.stderr, f"[{arm.controller}] ")) as reporter:
+    with Progress(stream=cast(TextIO, _Prefixed(sys.stderr, f"[{arm.controller}] "))) as reporter:
         with _folder(arm) as folder:
             if not trained.is_finished(folder):
                 began = time.monotonic()

@@ -35,9 +35,9 @@ class LearnerSettings:
     """gamma."""
     learning_rate: Annotated[float, Between(1e-8, 1.0)] = 1e-3
     """Adam's step size."""
-    final_learning_rate: Annotated[float, Between(1e-8, 1.0)] = 1e-3
+    final_learning_rate: Annotated[float, Between(1e-8, 1.0)] = 1e-4
     """Adam's step size once it has fallen, linearly, over `learning_rate_decay` updates."""
-    learning_rate_decay: Annotated[int, Between(0, 1_000_000_000)] = 0
+    learning_rate_decay: Annotated[int, Between(0, 1_000_000_000)] = 15_000
     """Updates over which the step size falls from `learning_rate` to `final_learning_rate`;
     0 keeps it constant."""
     batch_size: Annotated[int, Between(1, 65_536)] = 64
@@ -45,7 +45,7 @@ class LearnerSettings:
     replay_capacity: Annotated[int, Between(1, 10_000_000)] = 50_000
     """Transitions kept; the oldest are overwritten."""
     warm_up: Annotated[int, Between(1, 10_000_000)] = 1_000
-    """Transitions collected before the first update."""
+    """Environment steps before the first update."""
     target_update: Annotated[str, OneOf(("moving-average", "hard-copy"))] = "moving-average"
     """How the target network follows the online one (row 17)."""
     target_rate: Annotated[float, Between(1e-6, 1.0)] = 0.01

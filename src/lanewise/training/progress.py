@@ -20,6 +20,8 @@ from lanewise.training.stage import ChunkMetrics, StageState
 
 RECENT = 10
 """Training episodes over which `best-training` averages (the paper's 10)."""
+REWARD_SCALE = 50.0
+"""In `best-validation`, this much more reward weighs as much as success in every episode."""
 VALIDATION_SEED = 0
 """Validation starts are the same for every seed and stage, so that weights compete fairly."""
 
@@ -157,10 +159,8 @@ def _score(plan: StagePlan, ledger: Ledger, validation: Episodes | None) -> tupl
     keep = plan.course.stage.keep
     if keep == "best-validation" and validation is not None:
         accidents = validation.accident > 0
-        return (
-            float(np.mean(validation.success) - np.mean(accidents)),
-            float(np.mean(validation.accumulated_reward)),
-        )
+        reward = float(np.mean(validation.accumulated_reward))
+        return (float(np.mean(validation.success) - np.mean(accidents)) + reward / REWARD_SCALE,)
     if keep == "best-training" and len(ledger.recent) == RECENT:
         return (float(np.mean(ledger.recent)),)
     return ()

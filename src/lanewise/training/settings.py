@@ -13,7 +13,7 @@ class StageSettings:
 
     episodes: Annotated[int, Between(0, 10_000_000)] = 0
     """Stop when this many episodes are complete; 0 for no such limit."""
-    decisions: Annotated[int, Between(0, 2_000_000_000)] = 100_000
+    decisions: Annotated[int, Between(0, 2_000_000_000)] = 120_000
     """Stop when this many decisions are taken over all worlds; 0 for no such limit."""
     duration: Annotated[int, Between(1, 100_000)] = 250
     """Training episodes are truncated after this many decisions."""
