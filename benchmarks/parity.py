@@ -38,7 +38,7 @@ from lanewise.interop.highway_env import build_env, read_world
 
 STATES_A_TASK, RUNS_A_TASK, DEFAULT_RUNS_A_TASK = 240, 20, 4
 BATCH = 40
-"""One batch shape per size, so that each process compiles three ticks and two runs."""
+"""One batch shape per size, so that each process compiles two ticks and two runs."""
 
 
 def random_states(seed, task, count):

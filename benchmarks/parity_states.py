@@ -6,7 +6,7 @@ import numpy as np
 
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, Road, Vehicles, World
 
-SIZES = (8, 16, 32)
+SIZES = (16, 32)
 LANES_MAX = 5
 
 

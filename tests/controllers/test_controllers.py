@@ -1,4 +1,5 @@
 from dataclasses import replace
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +21,8 @@ PLANNED = Planned(DRIVING, GOALS, PlannerSettings(preview=3), "critic")
 HIERARCHICAL = Hierarchical(DRIVING, GOALS, "critic")
 
 
+@cache
+@partial(jax.jit, static_argnums=0)
 def networks(seed=0):
     keys = jax.random.split(jax.random.key(seed), 3)
     return {

@@ -150,9 +150,15 @@ def test_the_missing_target_speed_can_be_switched_off():
 
 def test_settings_reach_the_road():
     settings = TrapSettings(
-        lanes=4, lane_width=3.5, speed_limit=25.0, ego_speed=11.0, trap_speed=9.0,
-        test_front_distance=20.0, test_side_distance=-3.0, traffic=TrafficSettings(vehicles_ahead=0),
-    )  # fmt: skip
+        lanes=4,
+        lane_width=3.5,
+        speed_limit=25.0,
+        ego_speed=11.0,
+        trap_speed=9.0,
+        test_front_distance=20.0,
+        test_side_distance=-3.0,
+        traffic=TrafficSettings(vehicles_ahead=0),
+    )
     world = sample(0, "test", 0, settings)
     np.testing.assert_allclose(world.road.centre, [0.0, 3.5, 7.0, 10.5])
     np.testing.assert_allclose(world.road.speed_limit, 25.0)

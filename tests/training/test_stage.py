@@ -1,0 +1,130 @@
+from dataclasses import replace
+from fractions import Fraction
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from lanewise.controllers.single_level import SingleLevel
+from lanewise.driving.settings import DrivingSettings
+from lanewise.learning.settings import ExplorationSettings, LearnerSettings
+from lanewise.scenario.settings import TrafficSettings, TrapSettings
+from lanewise.training import stage
+from lanewise.training.rollout import Course
+from lanewise.training.settings import StageSettings
+
+SETTINGS = StageSettings(
+    worlds=4,
+    duration=20,
+    updates_per_step=0.1,
+    exploration=ExplorationSettings(steps=400),
+    learner=LearnerSettings(hidden=(8,), batch_size=8, warm_up=50, replay_capacity=150),
+)
+COURSE = Course(
+    TrapSettings(traffic=TrafficSettings(vehicles_ahead=0)), DrivingSettings(), SingleLevel(), SETTINGS
+)
+
+
+def plain(tree):
+    """Leaves as NumPy arrays, random keys as their numbers."""
+    leaves = []
+    for leaf in jax.tree.leaves(tree):
+        if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+            leaf = jax.random.key_data(leaf)
+        leaves.append(np.asarray(leaf))
+    return leaves
+
+
+def same(a, b):
+    return all(
+        np.array_equal(x, y, equal_nan=x.dtype.kind == "f")
+        for x, y in zip(plain(a), plain(b), strict=True)
+    )
+
+
+def run(seed, chunks=2):
+    state = stage.begin(COURSE, {}, jax.random.key(seed))
+    metrics = []
+    for _ in range(chunks):
+        state, one = stage.advance(COURSE, {}, state)
+        metrics.append(one)
+    return state, metrics
+
+
+@pytest.mark.parametrize("worlds", [1, 3, 32])
+@pytest.mark.parametrize("rate", [0.001, 0.01, 0.125, 0.3, 1.0, 2.5])
+def test_the_running_total_of_updates_follows_the_rate(rate, worlds):
+    learner = replace(SETTINGS.learner, warm_up=1)
+    settings = replace(SETTINGS, worlds=worlds, updates_per_step=rate, learner=learner)
+    iterations = np.arange(1, 3001)
+    due = np.asarray(stage.updates_due(settings, jnp.asarray(iterations)))
+    skipped = 0 if worlds > 1 else 1
+    exact = Fraction(rate) * worlds
+    totals = [int(exact * int(i)) - int(exact * skipped) for i in iterations]
+    assert np.abs(np.cumsum(due) - totals).max() <= 1
+    assert due.max() - due[skipped:].min() <= 1
+
+
+def test_no_update_is_due_during_the_warm_up():
+    settings = replace(SETTINGS, worlds=4, updates_per_step=1.0)
+    due = np.asarray(stage.updates_due(settings, jnp.arange(1, 30)))
+    # 12 iterations of 4 worlds are 48 transitions of the 50 wanted.
+    assert due.tolist() == [0] * 12 + [4] * 17
+
+
+def test_counts_after_two_chunks():
+    state, metrics = run(0)
+    assert int(state.iteration) == 100
+    assert int(metrics[-1].transitions) == 400
+    # 0.4 updates an iteration, from the 13th iteration on.
+    assert abs(int(metrics[-1].updates) - 0.4 * 88) <= 1
+    assert [float(one.epsilon) for one in metrics] == pytest.approx([0.26, 0.02])
+    assert all(np.isfinite([float(one.loss), float(one.mean_q)]).all() for one in metrics)
+    done = np.asarray(metrics[0].finished.done)
+    assert done.shape == (stage.CHUNK, 4)
+    assert (np.asarray(metrics[0].finished.decisions)[done] <= 20).all()
+    assert done.sum() >= 8
+
+
+def test_the_same_seed_gives_the_same_bits():
+    assert same(run(3), run(3))
+
+
+def test_seeds_differ_in_starts_weights_and_exploration():
+    begun = [stage.begin(COURSE, {}, jax.random.key(seed)) for seed in (0, 1)]
+    distances = [np.asarray(state.rollouts.episode.world.vehicles.x[:, 1]) for state in begun]
+    assert len(np.unique(np.concatenate(distances))) == 8
+    weights = [np.asarray(jax.tree.leaves(state.learner.online)[-1]) for state in begun]
+    assert not np.array_equal(*weights)
+    chosen = [np.asarray(run(seed, 1)[0].replay.rows[:, 26]) for seed in (0, 1)]
+    assert not np.array_equal(*chosen)
+
+
+def test_worlds_of_a_stage_differ_from_one_another():
+    state, _ = run(0, 1)
+    positions = np.asarray(state.rollouts.episode.world.vehicles.x)
+    assert len(np.unique(positions[:, 1])) == 4
+
+
+def test_epsilon_counts_all_worlds_or_each():
+    counted = replace(SETTINGS.exploration, counted="per-world")
+    per_world = replace(SETTINGS, exploration=counted)
+    assert float(stage.epsilon(SETTINGS, jnp.int32(50))) == pytest.approx(0.5 - 0.48 / 2)
+    assert float(stage.epsilon(per_world, jnp.int32(50))) == pytest.approx(0.5 - 0.48 / 8)
+
+
+def test_a_chunk_consumes_the_state_it_is_given():
+    state = stage.begin(COURSE, {}, jax.random.key(0))
+    after, _ = stage.advance(COURSE, {}, state)
+    assert state.replay.rows.is_deleted()
+    assert not after.replay.rows.is_deleted()
+
+
+def test_a_chunk_moves_nothing_between_host_and_device():
+    state, _ = run(0, 1)
+    with jax.transfer_guard("disallow"):
+        state, _ = stage.advance(COURSE, {}, state)
+    # The guard does see transfers: a number of the host's is refused.
+    with pytest.raises(Exception, match="[Dd]isallowed"), jax.transfer_guard("disallow"):
+        stage.advance(COURSE, {}, replace(state, iteration=np.int32(7)))

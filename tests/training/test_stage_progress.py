@@ -1,0 +1,155 @@
+"""Which weights a stage keeps, with scripted chunks in place of compiled ones."""
+
+from types import SimpleNamespace
+
+import jax
+import numpy as np
+import pytest
+
+from lanewise.training import progress as stages
+from lanewise.training.progress import Ledger, StagePlan, StageProgress
+from lanewise.training.rollout import Finished
+from lanewise.training.settings import StageSettings
+
+CHUNK, WORLDS = stages.stage.CHUNK, 2
+
+
+def plan_of(keep, decisions=6 * CHUNK * WORLDS, episodes=0, interval=2):
+    settings = StageSettings(decisions=decisions, episodes=episodes, worlds=WORLDS, keep=keep)
+    course = SimpleNamespace(stage=settings, controller=SimpleNamespace(learns="q"))
+    return StagePlan("step-1", course, None, 3, interval)
+
+
+def state_of(chunk):
+    return SimpleNamespace(learner=SimpleNamespace(online={"chunk": np.int32(chunk)}))
+
+
+def finished_of(endings):
+    """Facts of a chunk from {(iteration, world): reward}."""
+    values = {name: np.zeros((CHUNK, WORLDS)) for name in Finished.__dataclass_fields__}
+    for at, reward in endings.items():
+        values["done"][at] = 1
+        values["reward"][at] = reward
+        values["decisions"][at] = 10
+    values["accident"] = values["accident"].astype(int)
+    return Finished(**values | {"done": values["done"] > 0})
+
+
+@pytest.fixture
+def play(monkeypatch):
+    """Plays scripted chunks and validations: (the progress at the end, all reports)."""
+
+    def run(plan, chunks, validations=()):
+        chunk_metrics = iter(chunks)
+        tests = iter(validations)
+        done = []
+
+        def advance(course, frozen, state):
+            done.append(1)
+            nothing = SimpleNamespace(
+                updates=0, transitions=0, epsilon=0.1, loss=np.nan, mean_q=np.nan
+            )
+            return state_of(len(done)), SimpleNamespace(
+                **vars(nothing), finished=finished_of(next(chunk_metrics))
+            )
+
+        def test(*_):
+            success, accident, reward = next(tests)
+            return SimpleNamespace(
+                success=np.full(10, False) | (np.arange(10) < success),
+                accident=(np.arange(10) >= 10 - accident).astype(np.int8),
+                accumulated_reward=np.full(10, float(reward)),
+            )
+
+        monkeypatch.setattr(stages.stage, "advance", advance)
+        monkeypatch.setattr(stages.drive, "test", test)
+        monkeypatch.setattr(jax, "device_get", lambda tree: tree)
+        progress, reports = StageProgress(state_of(0), {"chunk": np.int32(0)}), []
+        while not plan.finished(progress.ledger):
+            progress, report = stages.advance(plan, {}, progress)
+            reports.append(report)
+        return progress, reports
+
+    return run
+
+
+def kept(progress, keep):
+    return int(stages.result(progress, keep)["chunk"])
+
+
+def test_best_training_keeps_the_best_mean_of_the_last_ten_episodes(play):
+    rng = np.random.default_rng(0)
+    chunks = []
+    for _ in range(6):
+        places = rng.choice(CHUNK * WORLDS, size=int(rng.integers(2, 9)), replace=False)
+        chunks.append({divmod(int(p), WORLDS): float(rng.normal()) for p in places})
+    # The books once more: episodes in the order of (decision, world), the last ten at each chunk.
+    rewards, scores = [], []
+    for chunk in chunks:
+        rewards += [chunk[at] for at in sorted(chunk)]
+        scores.append(np.mean(rewards[-10:]) if len(rewards) >= 10 else -np.inf)
+    validations = [(0, 0, 0)] * 6
+    progress, reports = play(plan_of("best-training"), chunks, validations)
+    assert kept(progress, "best-training") == int(np.argmax(scores)) + 1
+    assert progress.ledger.best_score == pytest.approx((max(scores),))
+    lines = [line for report in reports for line in report.episodes]
+    assert [line["reward"] for line in lines] == pytest.approx(rewards)
+    assert [line["episode"] for line in lines] == list(range(1, len(rewards) + 1))
+    decisions = [line["decision"] for line in lines]
+    assert decisions == sorted(set(decisions))
+    assert reports[-1].chunk["episodes"] == len(rewards)
+    assert reports[-1].chunk["decisions"] == 6 * CHUNK * WORLDS
+
+
+def test_order_within_a_chunk_decides_which_ten_count(play):
+    """Twelve episodes end at once; the first two, in order of (decision, world), drop out."""
+    endings = {(i, w): 0.0 for i in range(6) for w in range(WORLDS)}
+    endings[(0, 0)] = endings[(0, 1)] = 100.0
+    endings[(5, 1)] = 7.0
+    plan = plan_of("best-training", decisions=CHUNK * WORLDS)
+    progress, _ = play(plan, [endings], [(0, 0, 0)])
+    assert progress.ledger.best_score == pytest.approx((0.7,))
+
+
+def test_fewer_than_ten_episodes_have_no_score(play):
+    plan = plan_of("best-training", decisions=2 * CHUNK * WORLDS)
+    progress, _ = play(plan, [{(0, 0): 9.0}, {(0, 0): 1.0}], [(0, 0, 0)])
+    assert progress.ledger.best_score == ()
+    # Nothing was ever best, so the last weights are handed on.
+    assert kept(progress, "best-training") == 2
+
+
+def test_best_validation_keeps_success_less_accidents_then_reward(play):
+    # Chunks 2, 4, 6, 8 and, as the stage ends there, 9 are validated.
+    validations = [(6, 0, 1.0), (9, 2, 5.0), (8, 1, 6.0), (8, 1, 7.0), (9, 3, 99.0)]
+    plan = plan_of("best-validation", decisions=9 * CHUNK * WORLDS)
+    progress, reports = play(plan, [{}] * 9, validations)
+    assert kept(progress, "best-validation") == 8
+    assert progress.ledger.best_score == pytest.approx((0.7, 7.0))
+    validated = [r.chunk["chunk"] for r in reports if "validation_reward" in r.chunk]
+    assert validated == [2, 4, 6, 8, 9]
+    assert [r.chunk["best_chunk"] for r in reports if "best_chunk" in r.chunk] == [2, 4, 4, 8, 8]
+
+
+def test_of_equal_scores_the_first_stays(play):
+    plan = plan_of("best-validation", decisions=4 * CHUNK * WORLDS)
+    progress, _ = play(plan, [{}] * 4, [(5, 0, 1.0), (5, 0, 1.0)])
+    assert kept(progress, "best-validation") == 2
+
+
+def test_last_keeps_the_last(play):
+    progress, _ = play(plan_of("last"), [{}] * 6, [(9, 0, 9.0), (0, 9, -9.0), (0, 9, -9.0)])
+    assert kept(progress, "last") == 6
+    assert progress.ledger.best_score == ()
+
+
+def test_a_stage_ends_at_its_episodes_or_its_decisions():
+    by_episodes = plan_of("last", decisions=0, episodes=20)
+    assert not by_episodes.finished(Ledger(chunks=99, episodes=19))
+    assert by_episodes.finished(Ledger(chunks=1, episodes=20))
+    assert by_episodes.last_chunk is None
+    by_decisions = plan_of("last", decisions=CHUNK * WORLDS + 1)
+    assert by_decisions.last_chunk == 2
+    assert not by_decisions.finished(Ledger(chunks=1, episodes=999))
+    assert by_decisions.finished(Ledger(chunks=2))
+    assert by_episodes.fraction(Ledger(episodes=5)) == pytest.approx(0.25)
