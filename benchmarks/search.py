@@ -64,7 +64,9 @@ def main() -> None:
         "seconds": round(time.monotonic() - began, 1),
         "best_chunk": now.ledger.best_chunk,
         "escape_time": float(np.nanmean(episodes.escape_time)),
-        "validation": metrics.summarise(episodes, controller=stage.name, world="lanewise").to_json(),
+        "validation": metrics.summarise(
+            episodes, controller=stage.name, world="lanewise"
+        ).to_json(),
     }
     with options.out.open("a") as file:
         file.write(json.dumps(row) + "\n")

@@ -17,6 +17,7 @@ from datetime import UTC, datetime
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from queue import Empty
 
 ACTION_STREAM = 3
 """Key stream of the random actions; the splits of the starts have 0 to 2."""
@@ -53,6 +54,11 @@ def theirs_main(seconds, seed, barrier):
     from lanewise.driving import accidents
 
     starts = prepared(seed, first=0, count=64)
+    # The first steps of a process import and set up things.
+    warm = live(starts[0][0])
+    for action in starts[0][1][:3]:
+        their_step(warm, action)
+    warm.close()
     barrier.wait()
     ended, decisions, resets, index = np.zeros(5, np.int64), 0, 0.0, 0
     began = time.perf_counter()
@@ -229,7 +235,15 @@ def side_by_side(main, processes, arguments):
     ]
     for child in children:
         child.start()
-    found = [results.get() for _ in children]
+    found = []
+    while len(found) < processes:
+        try:
+            found.append(results.get(timeout=1.0))
+        except Empty:
+            if any(child.exitcode for child in children):
+                for child in children:
+                    child.terminate()
+                sys.exit("a measurement failed")
     for child in children:
         child.join()
     return found

@@ -119,13 +119,13 @@ def test_fewer_than_ten_episodes_have_no_score(play):
     assert kept(progress, "best-training") == 2
 
 
-def test_best_validation_keeps_success_less_accidents_then_reward(play):
+def test_best_validation_weighs_success_accidents_and_reward(play):
     # Chunks 2, 4, 6, 8 and, as the stage ends there, 9 are validated.
-    validations = [(6, 0, 1.0), (9, 2, 5.0), (8, 1, 6.0), (8, 1, 7.0), (9, 3, 99.0)]
+    validations = [(6, 0, 1.0), (9, 2, 5.0), (8, 1, 4.9), (8, 1, 7.0), (9, 3, 7.0)]
     plan = plan_of("best-validation", decisions=9 * CHUNK * WORLDS)
     progress, reports = play(plan, [{}] * 9, validations)
     assert kept(progress, "best-validation") == 8
-    assert progress.ledger.best_score == pytest.approx((0.7, 7.0))
+    assert progress.ledger.best_score == pytest.approx((0.7 + 7.0 / stages.REWARD_SCALE,))
     validated = [r.chunk["chunk"] for r in reports if "validation_reward" in r.chunk]
     assert validated == [2, 4, 6, 8, 9]
     assert [r.chunk["best_chunk"] for r in reports if "best_chunk" in r.chunk] == [2, 4, 4, 8, 8]

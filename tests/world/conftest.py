@@ -19,8 +19,9 @@ def make_world():
 
     def make(
         x, lane, speed=12.5, *, y=None, kinds=None, settings=PAPER_DRIVER, lanes=3,
-        maximum=None, timer=None, heading=None, dtype=np.float64,
+        maximum=None, timer=None, heading=None, dtype=None,
     ):  # fmt: skip
+        dtype = dtype or jax.dtypes.canonicalize_dtype(float)
         count = len(x)
         kinds = [EXTERNAL] + [RULE_BASED] * (count - 1) if kinds is None else kinds
         settings = [settings] * count if not isinstance(settings, list) else settings

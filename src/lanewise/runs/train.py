@@ -4,6 +4,8 @@ Every stage leaves ``stages/NAME``, the parameters it hands on; the run ends wit
 the parameters of all levels. In between, ``checkpoints/`` holds all that the stage under way needs.
 """
 
+import signal
+import threading
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -35,6 +37,33 @@ class _Files:
     folder: RunFolder
     metrics: MetricsWriter
     timings: MetricsWriter
+
+
+class _Interrupts:
+    """Ctrl-C waits for the end of a chunk, when state and metrics fit together and can be saved.
+
+    A second one does not wait: the run then continues from its newest checkpoint.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    def __enter__(self) -> "_Interrupts":
+        # Only where Ctrl-C would raise: not in other threads, not where it is ignored.
+        self._active = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        self._active &= threading.current_thread() is threading.main_thread()
+        if self._active:
+            signal.signal(signal.SIGINT, self._hear)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._active:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def _hear(self, *_: object) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
 
 
 def train(folder: RunFolder, high_level: Path | None, reporter: Progress) -> None:
@@ -98,18 +127,17 @@ def _run_stage(
         progress = _restored(progress, found)
     reporter.stage(stage.name, 1.0, plan.fraction(progress.ledger))
     saved = time.monotonic()
-    try:
+    with _Interrupts() as interrupts:
         while not plan.finished(progress.ledger):
             began = time.monotonic()
             progress, report = stages.advance(plan, frozen, progress)
             _write(files, report, time.monotonic() - began)
             reporter.update(plan.fraction(progress.ledger), **_figures(report.chunk))
-            if time.monotonic() - saved > INTERVAL:
+            if interrupts.asked or time.monotonic() - saved > INTERVAL:
                 _save(files, index, progress)
                 saved = time.monotonic()
-    except KeyboardInterrupt:
-        _save(files, index, progress)
-        raise
+            if interrupts.asked:
+                raise KeyboardInterrupt
     parameters = stages.result(progress, plan.course.stage.keep)
     meta = {"ledger": asdict(progress.ledger), "metrics_bytes": files.metrics.sync()}
     trained.save_stage(files.folder, stage, parameters, meta)

@@ -5,6 +5,8 @@ traffic ahead, traffic behind. A start is a function of (settings, seed, split, 
 it is the same start in every world, batch and process.
 """
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -12,7 +14,7 @@ from jax import Array
 from lanewise.scenario.settings import TrapSettings
 from lanewise.world import build, road
 from lanewise.world.settings import DriverSettings
-from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, World
+from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, Road, World
 
 SPLITS = ("training", "validation", "test")
 """Where a start comes from; each split draws from its own key stream."""
@@ -59,7 +61,7 @@ def sample(settings: TrapSettings, key: Array, split: str) -> World:
         + [settings.traffic.speed] * traffic,
         jnp.float32,
     )
-    lanes = road.straight_road(settings.lanes, settings.lane_width, settings.speed_limit)
+    lanes = _lanes(settings)
     return World(
         road=lanes,
         drivers=_drivers(settings, traffic),
@@ -72,6 +74,22 @@ def escaped(world: World) -> Array:
     x, half = world.vehicles.x, world.drivers.length / 2.0
     rear = x[0] - half[0]
     return jnp.stack([rear > x[car] + half[car] for car in TRAP_CARS]).all()
+
+
+def _lanes(settings: TrapSettings) -> Road:
+    """The road: from the ego's start on, or from behind the last vehicle behind it.
+
+    Neighbours are looked for only on the road, so one that began at the ego would hide the
+    vehicles behind from one another.
+    """
+    lanes = road.straight_road(settings.lanes, settings.lane_width, settings.speed_limit)
+    traffic = settings.traffic
+    if not traffic.vehicles_behind:
+        return lanes
+    reach = traffic.gap_behind + traffic.vehicles_behind * (
+        traffic.spacing + traffic.spacing_jitter
+    )
+    return replace(lanes, start=jnp.full_like(lanes.start, -reach))
 
 
 def _distances(settings: TrapSettings, key: Array, split: str) -> tuple[Array, Array]:

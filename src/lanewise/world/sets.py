@@ -1,7 +1,7 @@
 """Sets of vehicles as the bits of 32-bit words.
 
 A set of vehicles per vehicle costs one word per 32 vehicles instead of a row of booleans, and the
-nearest member is a count of leading zeros: a tick needs no loop that carries the nearest so far.
+nearest member is a count of leading zeros: a tick needs no pass that carries the nearest so far.
 """
 
 from collections.abc import Callable

@@ -1,0 +1,95 @@
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from lanewise.controllers.single_level import SingleLevel
+from lanewise.driving.settings import DrivingSettings
+from lanewise.evaluation import drive
+from lanewise.evaluation.drive import TestCourse as Course
+from lanewise.learning import network
+from lanewise.scenario.settings import TrafficSettings, TrapSettings
+
+EMPTY = TrapSettings(
+    ego_speed=14.0,
+    trap_speed=0.5,
+    test_front_distance=200.0,
+    test_side_distance=-50.0,
+    traffic=TrafficSettings(vehicles_ahead=0),
+)
+"""Nobody comes near an ego that drives 8 s at 14 m/s."""
+
+
+@dataclass(frozen=True)
+class Constant(SingleLevel):
+    """Drives one action for ever."""
+
+    action: int = 4
+
+    def decide(self, memory, percept, choice):
+        return jnp.int32(self.action), memory
+
+
+def course_of(scenario, controller, duration=50):
+    return Course(scenario, DrivingSettings(), controller, duration)
+
+
+def parameters(seed=0):
+    return {"single_level": network.init(jax.random.key(seed), 26, (8,), 9)}
+
+
+def test_an_idle_ego_on_an_empty_road_in_closed_form(monkeypatch):
+    monkeypatch.setattr(drive, "BLOCK", 2)
+    scenario = replace(EMPTY, test_side_distance=60.0, trap_speed=10.0, ego_speed=10.0)
+    found = drive.test(course_of(scenario, Constant()), parameters(), 0, 2)
+    reward = (1.5 * (2 / 75 * 10 - 2 / 15) + 0.05) / 1.6
+    np.testing.assert_allclose(found.accumulated_reward, 25 * reward, rtol=1e-5)
+    np.testing.assert_allclose(found.travel_distance, 250.0, rtol=1e-5)
+    np.testing.assert_allclose(found.average_speed, 10.0)
+    np.testing.assert_array_equal(found.duration, 25.0)
+    assert not found.success.any()
+    assert np.isnan(found.escape_time).all()
+    assert found.accident.tolist() == [0, 0]
+    assert found.goals.tolist() == [0, 0]
+
+
+def test_an_accident_adds_its_penalty_once_and_ends_the_sums(monkeypatch):
+    """Braking from 2.25 m/s at 1 m/s^2 the ego is below 0.1 m/s after five decisions."""
+    monkeypatch.setattr(drive, "BLOCK", 1)
+    found = drive.test(
+        course_of(replace(EMPTY, ego_speed=2.25), Constant(action=1)), parameters(), 0, 1
+    )
+    assert found.accident.tolist() == [3]
+    assert found.duration.tolist() == [2.5]
+    # Rewards at 1 s and 2 s, each of a centred slow car, and the penalty at 2.5 s.
+    assert found.accumulated_reward[0] == pytest.approx(2 * 0.05 / 1.6 - 10.0, rel=1e-4)
+    assert found.average_speed[0] == pytest.approx(np.mean([1.75, 1.25, 0.75, 0.25, -0.25]), abs=1e-4)
+    assert not found.success[0]
+
+
+def test_episodes_do_not_depend_on_how_many_are_driven_with_them(monkeypatch):
+    monkeypatch.setattr(drive, "BLOCK", 4)
+    course = replace(course_of(TrapSettings(), Constant(action=7), 12), split="training")
+    weights = parameters()
+    many, few = (drive.test(course, weights, 3, count) for count in (10, 5))
+    assert len(few) == 5
+    for name in vars(few):
+        np.testing.assert_array_equal(getattr(few, name), getattr(many, name)[:5])
+    # The ego speeds up behind trap car 1, at a distance that differs, until it hits it.
+    assert len(np.unique(many.accumulated_reward)) > 1
+
+
+def test_a_recording_agrees_with_the_test(monkeypatch):
+    monkeypatch.setattr(drive, "BLOCK", 1)
+    course = course_of(EMPTY, Constant(), 16)
+    found = drive.test(course, parameters(), 0, 1)
+    recording = drive.record(course, parameters(), 0, 0)
+    assert recording.x.shape == (17, 3)
+    assert recording.x[-1, 0] == pytest.approx(found.travel_distance[0])
+    assert recording.accumulated_reward[-1] == pytest.approx(found.accumulated_reward[0])
+    assert recording.accident == found.accident[0]
+    assert recording.goal_lane.tolist() == [-1] * 17
+    np.testing.assert_allclose(recording.time, np.arange(17) / 2)
+    np.testing.assert_allclose(recording.x[:, 0], 7.0 * np.arange(17), rtol=1e-5)

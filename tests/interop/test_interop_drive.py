@@ -1,0 +1,55 @@
+"""The same starts and controllers in the real highway-env and in ours: the same outcomes."""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from lanewise.controllers import planner
+from lanewise.controllers.goals import Goal
+from lanewise.controllers.settings import PlannerSettings
+from lanewise.controllers.single_level import SingleLevel
+from lanewise.driving.settings import DrivingSettings
+from lanewise.evaluation import drive
+from lanewise.evaluation.drive import TestCourse as Course
+from lanewise.interop import drive as twin
+from lanewise.learning import network
+from lanewise.scenario.settings import TrapSettings
+
+
+@dataclass(frozen=True)
+class BrakeAndPass(SingleLevel):
+    """The way out by hand: fall back, cross to the right lane, then speed up."""
+
+    def start(self, parameters, percept):
+        return jnp.int32(0)
+
+    def decide(self, memory, percept, choice):
+        braking = memory < 6
+        lane = jnp.where(braking, 0, 2)
+        goal = Goal(lane.astype(jnp.int32), jnp.where(braking, 7.0, jnp.where(memory < 10, 8, 16.0)))
+        action = planner.act(PlannerSettings(preview=4), DrivingSettings(), goal, percept)
+        return action, memory + 1
+
+
+@pytest.mark.parametrize(
+    ("controller", "expected"), [(SingleLevel(), None), (BrakeAndPass(), "success")]
+)
+def test_outcomes_are_identical(controller, expected, monkeypatch):
+    monkeypatch.setattr(drive, "BLOCK", 2)
+    course = Course(TrapSettings(), DrivingSettings(), controller, 50)
+    parameters = {"single_level": network.init(jax.random.key(2), 26, (16,), 9)}
+    told = []
+    ours = drive.test(course, parameters, 11, 2)
+    theirs = twin.test(course, parameters, 11, 2, told.append)
+    assert told == [1, 2]
+    for name in ("success", "accident", "duration", "escape_time", "goals"):
+        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
+    for name in ("accumulated_reward", "average_speed", "travel_distance"):
+        np.testing.assert_allclose(
+            getattr(ours, name), getattr(theirs, name), rtol=1e-4, err_msg=name
+        )
+    if expected == "success":
+        assert ours.success.all()

@@ -1,0 +1,253 @@
+"""A run that is stopped anywhere and continued ends in the same bytes as one that never was."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from lanewise import cli, config
+from lanewise.errors import RunError
+from lanewise.progress import Progress
+from lanewise.runs import files, train
+from lanewise.runs.folder import RunFolder
+
+STAGE = {
+    "worlds": 2,
+    "decisions": 500,
+    "duration": 12,
+    "learner.hidden": (16, 16),
+    "learner.batch_size": 8,
+    "learner.warm_up": 40,
+    "learner.replay_capacity": 300,
+}
+"""Five chunks a stage."""
+FLAGS = {
+    "scenario.traffic.vehicles_ahead": 0,
+    "planner.preview": 2,
+    "evaluation.duration": 4,
+    "evaluation.validation_episodes": 5,
+    "evaluation.validation_interval": 2,
+} | {f"{stage}.{name}": value for stage in config.STAGES for name, value in STAGE.items()}
+RESULTS = ("controller.safetensors", "metrics.jsonl")
+
+
+class Quiet(Progress):
+    """A reporter that says nothing, remembers notes, and can break in."""
+
+    def __init__(self, at=None, action=lambda: None):
+        self.at, self.action, self.notes, self.updates, self.name = at, action, [], 0, ""
+
+    def stage(self, name, total, done=0.0):
+        self.name, self.updates = name, 0
+        self._break_in()
+
+    def update(self, done, **metrics):
+        self.updates += 1
+        self._break_in()
+
+    def note(self, text):
+        self.notes.append(text)
+
+    def _break_in(self):
+        if (self.name, self.updates) == self.at:
+            self.action()
+
+
+def press_ctrl_c():
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def create(path, seed=4):
+    return RunFolder.create(path, config.compose(flags=FLAGS), "hierarchical", seed)
+
+
+def resume(path, reporter=None):
+    with RunFolder.resume(path) as folder:
+        train.train(folder, None, reporter or Quiet())
+
+
+def results(path):
+    return {name: (path / name).read_bytes() for name in RESULTS}
+
+
+@pytest.fixture(autouse=True)
+def save_every_chunk(monkeypatch):
+    monkeypatch.setattr(train, "INTERVAL", 0.0)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A run that was never stopped."""
+    path = tmp_path_factory.mktemp("whole") / "run"
+    with create(path) as folder:
+        train.train(folder, None, Quiet())
+    return path
+
+
+@pytest.mark.parametrize(
+    "at", [("step-1", 3), ("step-1", 5), ("step-2", 0), ("step-2", 2)], ids=str
+)
+def test_ctrl_c_and_resume_give_the_same_bytes(tmp_path, whole, at, monkeypatch):
+    monkeypatch.setattr(train, "INTERVAL", 1e9)
+    path = tmp_path / "run"
+    with create(path) as folder, pytest.raises(KeyboardInterrupt):
+        train.train(folder, None, Quiet(at, press_ctrl_c))
+    assert not (path / "controller.json").exists()
+    if at[1]:
+        assert list(folder.checkpoints.glob(f"*chunk-{at[1]:08d}.json"))
+    resume(path)
+    assert results(path) == results(whole)
+
+
+def test_ctrl_c_within_a_chunk_waits_for_its_end(tmp_path, whole, monkeypatch):
+    """There the chunk's old state is consumed already, and its metrics are not yet written."""
+    monkeypatch.setattr(train, "INTERVAL", 1e9)
+    path, booked = tmp_path / "run", train.stages._booked
+
+    def interrupted(plan, ledger, lines):
+        if ledger.chunks == 1:
+            press_ctrl_c()
+        return booked(plan, ledger, lines)
+
+    with monkeypatch.context() as patch, create(path) as folder:
+        patch.setattr(train.stages, "_booked", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            train.train(folder, None, Quiet())
+    assert [p.name for p in folder.checkpoints.glob("*.json")] == ["stage-00-chunk-00000002.json"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    resume(path)
+    assert results(path) == results(whole)
+
+
+def test_a_second_ctrl_c_does_not_wait(tmp_path, whole):
+    path = tmp_path / "run"
+
+    def twice():
+        press_ctrl_c()
+        press_ctrl_c()
+
+    with create(path) as folder, pytest.raises(KeyboardInterrupt):
+        train.train(folder, None, Quiet(("step-1", 3), twice))
+    resume(path)
+    assert results(path) == results(whole)
+
+
+KILLED = """
+import os, sys
+sys.path.insert(0, sys.argv[2])
+import test_train as t
+from pathlib import Path
+t.train.INTERVAL = 0.0
+with t.create(Path(sys.argv[1])) as folder:
+    t.train.train(folder, None, t.Quiet(("step-1", 3), lambda: os._exit(9)))
+"""
+
+
+def test_a_hard_kill_and_resume_give_the_same_bytes(tmp_path, whole):
+    path = tmp_path / "run"
+    here = os.path.dirname(__file__)
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(path), here], check=False)
+    assert killed.returncode == 9
+    resume(path)
+    assert results(path) == results(whole)
+
+
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory):
+    """A run stopped inside step 2, with two checkpoints of it."""
+    path = tmp_path_factory.mktemp("stopped") / "run"
+    interval, train.INTERVAL = train.INTERVAL, 0.0
+    with create(path) as folder, pytest.raises(KeyboardInterrupt):
+        train.train(folder, None, Quiet(("step-2", 3), press_ctrl_c))
+    train.INTERVAL = interval
+    return path
+
+
+@pytest.fixture
+def copy(stopped, tmp_path):
+    return shutil.copytree(stopped, tmp_path / "run")
+
+
+def newest(path):
+    return sorted((path / "checkpoints").glob("*.safetensors"))[-1]
+
+
+def test_a_truncated_newest_checkpoint_falls_back_to_the_older(copy, whole):
+    file = newest(copy)
+    file.write_bytes(file.read_bytes()[:-100])
+    reporter = Quiet()
+    resume(copy, reporter)
+    assert len(reporter.notes) == 1
+    assert "truncated or altered" in reporter.notes[0]
+    assert "continuing from stage-01-chunk-00000002" in reporter.notes[0]
+    assert results(copy) == results(whole)
+
+
+def test_no_whole_checkpoint_is_refused(copy, capsys):
+    for file in (copy / "checkpoints").glob("*.safetensors"):
+        file.write_bytes(b"nothing")
+    before = (copy / "metrics.jsonl").read_bytes()
+    assert cli.main(["train", "hierarchical", "--out", str(copy), "--resume"]) == 2
+    assert "no checkpoint can be used" in capsys.readouterr().err
+    assert (copy / "metrics.jsonl").read_bytes() == before
+
+
+def test_a_full_disk_leaves_the_run_resumable(copy, whole, monkeypatch, capsys):
+    def full(path, content):
+        path.write_bytes(content[: len(content) // 2])
+        raise OSError(28, "No space left on device", str(path))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(files, "_write", full)
+        assert cli.main(["train", "hierarchical", "--out", str(copy), "--resume"]) == 2
+    error = capsys.readouterr().err
+    assert "No space left on device" in error
+    assert "Traceback" not in error
+    resume(copy)
+    assert results(copy) == results(whole)
+
+
+def test_a_finished_run_is_not_trained_again(whole):
+    before = results(whole)
+    with pytest.raises(RunError, match="is finished"):
+        resume(whole)
+    assert results(whole) == before
+
+
+def test_an_altered_controller_is_refused(whole, tmp_path, capsys):
+    path = shutil.copytree(whole, tmp_path / "run")
+    file = path / "controller.safetensors"
+    data = bytearray(file.read_bytes())
+    data[-1] ^= 1
+    file.write_bytes(data)
+    assert cli.main(["evaluate", str(path), "--episodes", "1"]) == 2
+    captured = capsys.readouterr()
+    assert "was altered" in captured.err
+    assert captured.out == ""
+    assert "Traceback" not in captured.err
+
+
+def test_a_high_level_is_taken_over_and_the_run_resumes_without_it(whole, tmp_path, monkeypatch):
+    monkeypatch.setattr(train, "INTERVAL", 1e9)
+    straight, broken = tmp_path / "straight", tmp_path / "broken"
+    with create(straight, seed=5) as folder:
+        train.train(folder, whole, Quiet())
+    with create(broken, seed=5) as folder, pytest.raises(KeyboardInterrupt):
+        train.train(folder, whole, Quiet(("step-2", 2), press_ctrl_c))
+    resume(broken)
+    assert results(broken) == results(straight)
+    taken = [(path / "stages" / "step-1.safetensors").read_bytes() for path in (whole, straight)]
+    assert taken[0] == taken[1]
+    assert b'"stage": "step-1"' not in (straight / "metrics.jsonl").read_bytes()
+    assert results(straight) != results(whole)
+
+
+def test_seeds_differ(whole, tmp_path):
+    path = tmp_path / "run"
+    with create(path, seed=5) as folder, pytest.raises(KeyboardInterrupt):
+        train.train(folder, None, Quiet(("step-1", 1), press_ctrl_c))
+    ours = (path / "metrics.jsonl").read_bytes()
+    assert ours != (whole / "metrics.jsonl").read_bytes()[: len(ours)]
