@@ -13,7 +13,7 @@ STAGE = {
     "worlds": "2",
     "decisions": "100",
     "duration": "12",
-    "learner.hidden": "16,16",
+    "learner.hidden": "16 16",
     "learner.batch-size": "8",
     "learner.warm-up": "40",
     "learner.replay-capacity": "300",
@@ -23,7 +23,11 @@ OPTIONS = {
     "planner.preview": "2",
     "evaluation.duration": "3",
     "evaluation.validation-episodes": "4",
-} | {f"{stage}.{name}": value for stage in ("high-level", "low-level") for name, value in STAGE.items()}
+} | {
+    f"{stage}.{name}": value
+    for stage in ("high-level", "low-level")
+    for name, value in STAGE.items()
+}
 KEYS = {
     "controller", "world", "episodes", "success_rate", "accident_rate", "accidents",
     "accumulated_reward", "average_speed", "travel_distance", "intervals",
@@ -34,7 +38,7 @@ KEYS = {
 def run(tmp_path_factory):
     """A trained run."""
     path = tmp_path_factory.mktemp("commands") / "run"
-    words = [word for name, value in OPTIONS.items() for word in (f"--{name}", value)]
+    words = [word for name, value in OPTIONS.items() for word in (f"--{name}", *value.split())]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(drive, "BLOCK", 4)
         assert main(["train", "hierarchical", "--out", str(path), "--seed", "2", *words]) == 0
@@ -53,7 +57,11 @@ def test_evaluate_prints_exactly_one_json_object(run, capsys):
     assert printed.count("\n") == 1
     found = json.loads(printed)
     assert found.keys() >= KEYS
-    assert (found["controller"], found["world"], found["episodes"]) == ("hierarchical", "lanewise", 5)
+    assert (found["controller"], found["world"], found["episodes"]) == (
+        "hierarchical",
+        "lanewise",
+        5,
+    )
     assert found["accidents"].keys() == {"collision", "off_road", "stopped"}
     assert 0.0 <= found["success_rate"] <= 1.0
     assert json.loads(evaluate(run, capsys, "--json").out) == found

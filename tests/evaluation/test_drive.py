@@ -65,13 +65,18 @@ def test_an_accident_adds_its_penalty_once_and_ends_the_sums(monkeypatch):
     assert found.duration.tolist() == [2.5]
     # Rewards at 1 s and 2 s, each of a centred slow car, and the penalty at 2.5 s.
     assert found.accumulated_reward[0] == pytest.approx(2 * 0.05 / 1.6 - 10.0, rel=1e-4)
-    assert found.average_speed[0] == pytest.approx(np.mean([1.75, 1.25, 0.75, 0.25, -0.25]), abs=1e-4)
+    assert found.average_speed[0] == pytest.approx(
+        np.mean([1.75, 1.25, 0.75, 0.25, -0.25]), abs=1e-4
+    )
     assert not found.success[0]
 
 
 def test_episodes_do_not_depend_on_how_many_are_driven_with_them(monkeypatch):
     monkeypatch.setattr(drive, "BLOCK", 4)
-    course = replace(course_of(TrapSettings(), Constant(action=7), 12), split="training")
+    course = replace(
+        course_of(TrapSettings(training_front_distance=(8.0, 30.0)), Constant(action=7), 12),
+        split="training",
+    )
     weights = parameters()
     many, few = (drive.test(course, weights, 3, count) for count in (10, 5))
     assert len(few) == 5

@@ -27,10 +27,12 @@ class BrakeAndPass(SingleLevel):
         return jnp.int32(0)
 
     def decide(self, memory, percept, choice):
-        braking = memory < 6
+        braking = memory < 4
         lane = jnp.where(braking, 0, 2)
-        goal = Goal(lane.astype(jnp.int32), jnp.where(braking, 7.0, jnp.where(memory < 10, 8, 16.0)))
-        action = planner.act(PlannerSettings(preview=4), DrivingSettings(), goal, percept)
+        goal = Goal(
+            lane.astype(jnp.int32), jnp.where(braking, 8.0, jnp.where(memory < 10, 8, 16.0))
+        )
+        action = planner.act(PlannerSettings(), DrivingSettings(), goal, percept)
         return action, memory + 1
 
 

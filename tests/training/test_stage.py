@@ -22,7 +22,10 @@ SETTINGS = StageSettings(
     learner=LearnerSettings(hidden=(8,), batch_size=8, warm_up=50, replay_capacity=150),
 )
 COURSE = Course(
-    TrapSettings(traffic=TrafficSettings(vehicles_ahead=0)), DrivingSettings(), SingleLevel(), SETTINGS
+    TrapSettings(traffic=TrafficSettings(vehicles_ahead=0)),
+    DrivingSettings(),
+    SingleLevel(),
+    SETTINGS,
 )
 
 
@@ -126,5 +129,5 @@ def test_a_chunk_moves_nothing_between_host_and_device():
     with jax.transfer_guard("disallow"):
         state, _ = stage.advance(COURSE, {}, state)
     # The guard does see transfers: a number of the host's is refused.
-    with pytest.raises(Exception, match="[Dd]isallowed"), jax.transfer_guard("disallow"):
+    with pytest.raises(Exception, match=r"[Dd]isallowed"), jax.transfer_guard("disallow"):
         stage.advance(COURSE, {}, replace(state, iteration=np.int32(7)))
