@@ -97,6 +97,8 @@ def _abandon_output() -> None:
 
 def _how_to_resume(words: list[str]) -> str:
     """The command that continues an interrupted training."""
+    if words[:1] == ["reproduce"]:
+        return "; the same command continues it"
     if words[:1] != ["train"]:
         return ""
     command: train.Train = parse(train.Train, words[1:]).command

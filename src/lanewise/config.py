@@ -15,6 +15,7 @@ from lanewise.controllers.settings import GoalSettings, PlannerSettings
 from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import SettingsError
 from lanewise.evaluation.settings import EvaluationSettings
+from lanewise.learning.settings import LearnerSettings
 from lanewise.ranges import Between, Kind, show
 from lanewise.scenario.settings import TrapSettings
 from lanewise.training.settings import StageSettings
@@ -41,11 +42,22 @@ class Settings:
     """The rule-based planner of step 1."""
     evaluation: EvaluationSettings = field(default_factory=EvaluationSettings)
     """How controllers are tested, and how weights are chosen."""
-    single_level: StageSettings = field(default_factory=StageSettings)
-    """Training of the single-level controller."""
+    single_level: StageSettings = field(
+        default_factory=lambda: StageSettings(
+            decisions=360_000, learner=LearnerSettings(learning_rate_decay=45_000)
+        )
+    )
+    """Training of the single-level controller, with the budget of both steps together."""
     high_level: StageSettings = field(default_factory=StageSettings)
     """Step 1: training of the high level above the planner."""
-    low_level: StageSettings = field(default_factory=lambda: StageSettings(tracking_weight=1.0))
+    low_level: StageSettings = field(
+        default_factory=lambda: StageSettings(
+            decisions=240_000,
+            duration=60,
+            tracking_weight=1.0,
+            learner=LearnerSettings(learning_rate_decay=30_000),
+        )
+    )
     """Step 2: training of the low level below the frozen high level."""
 
 

@@ -9,6 +9,7 @@ from typing import Annotated
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.train import SEEDS
 from lanewise.controllers.settings import RENEWALS
+from lanewise.errors import RunError
 from lanewise.progress import Progress
 from lanewise.ranges import Between, OneOf
 from lanewise.runs.folder import RunFolder
@@ -39,7 +40,11 @@ class Evaluate:
 def run(parsed: Parsed[Evaluate]) -> int:
     """Tests; returns the exit code."""
     command = parsed.command
-    RunFolder.open(command.run)
+    folder = RunFolder.open(command.run)
+    if command.renewal is not None and folder.controller != "hierarchical":
+        raise RunError(
+            f"--renewal: {command.run} is a {folder.controller} controller, without goals"
+        )
     from lanewise.commands import testing
     from lanewise.evaluation import metrics
     from lanewise.report import files, table

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.util import find_spec
@@ -101,8 +102,13 @@ def run(parsed: Parsed[Reproduce]) -> int:
     _check_folder(command.out, arms)
     command.out.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
-    with _one_thread_each(), ProcessPoolExecutor(len(arms), get_context("spawn")) as pool:
-        results = list(pool.map(drive_arm, arms))
+    try:
+        with _one_thread_each(), ProcessPoolExecutor(len(arms), get_context("spawn")) as pool:
+            results = list(pool.map(drive_arm, arms))
+    except BrokenProcessPool:
+        raise RunError(
+            "a training was killed, perhaps for want of memory; the same command continues it"
+        ) from None
     _report(command, dict(zip(CONTROLLERS, results, strict=True)), time.monotonic() - began)
     return 0
 

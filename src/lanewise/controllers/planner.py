@@ -44,7 +44,7 @@ def act(settings: PlannerSettings, driving: DrivingSettings, goal: Goal, percept
     offset, heading, speed = (
         jnp.broadcast_to(value, (len(turns),)) for value in (offset, percept.heading, percept.speed)
     )
-    quantum = driving.actions.acceleration / driving.decision_frequency
+    quantum = driving.actions.acceleration * driving.decision_duration
     cost = 0.2 * jnp.abs(trim)
     for step in range(settings.preview):
         turn = jnp.asarray(turns[:, step], speed.dtype)
@@ -75,7 +75,7 @@ def act(settings: PlannerSettings, driving: DrivingSettings, goal: Goal, percept
 
 def speed_rule(driving: DrivingSettings, target: Array, speed: Array) -> Array:
     """Sign of the acceleration that brings ``speed`` nearest to ``target`` in one decision."""
-    quantum = driving.actions.acceleration / driving.decision_frequency
+    quantum = driving.actions.acceleration * driving.decision_duration
     return jnp.clip(jnp.round((target - speed) / quantum), -1.0, 1.0)
 
 

@@ -81,6 +81,13 @@ class DrivingSettings:
         return 1.0 / self.simulation_frequency
 
     @property
+    def decision_duration(self) -> float:
+        """Simulated length of a decision, s; shorter than 1 / `decision_frequency` where that
+        does not divide the simulation frequency (row 2 of the reading).
+        """
+        return self.ticks_per_decision / self.simulation_frequency
+
+    @property
     def decisions_per_timestep(self) -> int:
         """Decisions in the paper's timestep of one second."""
         return self.decision_frequency

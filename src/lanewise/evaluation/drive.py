@@ -105,8 +105,8 @@ def as_episodes(driving: DrivingSettings, sums: Sums) -> Episodes:
         accumulated_reward=np.asarray(sums.reward, np.float64),
         average_speed=np.asarray(sums.speed, np.float64) / decisions,
         travel_distance=np.asarray(sums.distance, np.float64),
-        duration=decisions / driving.decision_frequency,
-        escape_time=np.where(escape > 0, escape / driving.decision_frequency, np.nan),
+        duration=decisions * driving.decision_duration,
+        escape_time=np.where(escape > 0, escape * driving.decision_duration, np.nan),
         goals=np.asarray(sums.goals, np.int64),
         goals_timed_out=np.asarray(sums.timed_out, np.int64),
     )
@@ -224,7 +224,7 @@ def recording(
     speed = memory.goal.speed if with_goals else np.full(frames, np.nan)
     return Recording(
         controller=course.controller.name,
-        time=np.arange(frames + 1) / course.driving.decision_frequency,
+        time=np.arange(frames + 1) * course.driving.decision_duration,
         x=track("x"),
         y=track("y"),
         heading=track("heading"),

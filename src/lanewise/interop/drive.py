@@ -18,6 +18,7 @@ from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Parameters
 from lanewise.driving import episode, observation, percept
 from lanewise.driving.episode import Episode
+from lanewise.errors import LanewiseError
 from lanewise.evaluation import drive
 from lanewise.evaluation.drive import Sums, TestCourse
 from lanewise.evaluation.episodes import Episodes, Recording
@@ -137,4 +138,7 @@ def _check(theirs: Any, ours: Array) -> None:
     """
     difference = float(np.max(np.abs(theirs - np.asarray(ours))))
     if not difference < OBSERVATION_TOLERANCE:
-        raise AssertionError(f"highway-env observes something else: off by {difference:.2g}")
+        raise LanewiseError(
+            f"highway-env observes something else than we do, off by {difference:.2g}: "
+            "no result would count; please report the settings and the seed"
+        )

@@ -26,6 +26,8 @@ from lanewise.training.progress import Ledger, StagePlan, StageProgress
 
 INTERVAL = 10.0
 """Seconds of training between checkpoints, at least; a kill loses no more than about this."""
+STAGE_STREAM = 1000
+"""First random stream of the stages, apart from those of the test starts (`trap.start_key`)."""
 KEPT = 2
 """Checkpoints kept, so that a damaged newest one can be skipped."""
 
@@ -145,7 +147,7 @@ def _run_stage(
 
 def _stage_key(folder: RunFolder, index: int) -> jax.Array:
     """The random key of a stage: its own stream of the run's seed."""
-    return jax.random.fold_in(jax.random.key(folder.seed), index)
+    return jax.random.fold_in(jax.random.key(folder.seed), STAGE_STREAM + index)
 
 
 def _write(files: _Files, report: stages.Report, seconds: float) -> None:

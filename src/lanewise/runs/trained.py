@@ -101,6 +101,8 @@ def take_over_high_level(folder: RunFolder, source: Path) -> None:
             what they see.
     """
     first = recipe.RECIPES["hierarchical"][0]
+    if has_stage(folder, first.name):
+        raise RunError(f"{folder.path} has its own step 1 already; resume it without --high-level")
     other = RunFolder.open(source)
     if not has_stage(other, first.name):
         raise RunError(f"{source} has no finished {first.name}: it cannot lend its high level")
