@@ -205,7 +205,7 @@ def test_interruption_says_how_to_go_on(monkeypatch, capsys):
     words = ["train", "hierarchical", "--out", "my run", "--seed", "3", "--high-level", "step 1"]
     assert main(words) == 130
     error = capsys.readouterr().err
-    expected = "lanewise train hierarchical --out 'my run' --high-level 'step 1' --resume"
+    expected = "lanewise train hierarchical --out 'my run' --resume"
     assert error.splitlines()[-1].strip() == expected
     assert "interrupted; continue with:" in error
 

@@ -42,9 +42,7 @@ def run(parsed: Parsed[Evaluate]) -> int:
     command = parsed.command
     folder = RunFolder.open(command.run)
     if command.renewal is not None and folder.controller != "hierarchical":
-        raise RunError(
-            f"--renewal: {command.run} is a {folder.controller} controller, without goals"
-        )
+        raise RunError(f"--renewal: {command.run} is {folder.controller} and has no goals")
     from lanewise.commands import testing
     from lanewise.evaluation import metrics
     from lanewise.report import files, table

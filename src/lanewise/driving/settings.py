@@ -82,8 +82,10 @@ class DrivingSettings:
 
     @property
     def decision_duration(self) -> float:
-        """Simulated length of a decision, s; shorter than 1 / `decision_frequency` where that
-        does not divide the simulation frequency (row 2 of the reading).
+        """Simulated length of a decision, s.
+
+        Shorter than 1 / `decision_frequency` where that does not divide the simulation frequency
+        (row 2 of the reading).
         """
         return self.ticks_per_decision / self.simulation_frequency
 

@@ -224,7 +224,7 @@ def recording(
     speed = memory.goal.speed if with_goals else np.full(frames, np.nan)
     return Recording(
         controller=course.controller.name,
-        time=np.arange(frames + 1) * course.driving.decision_duration,
+        time=np.arange(frames + 1, dtype=np.float64) * course.driving.decision_duration,
         x=track("x"),
         y=track("y"),
         heading=track("heading"),
