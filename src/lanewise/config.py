@@ -48,7 +48,9 @@ class Settings:
         )
     )
     """Training of the single-level controller, with the budget of both steps together."""
-    high_level: StageSettings = field(default_factory=StageSettings)
+    high_level: StageSettings = field(
+        default_factory=lambda: StageSettings(learner=LearnerSettings(learning_rate_decay=15_000))
+    )
     """Step 1: training of the high level above the planner."""
     low_level: StageSettings = field(
         default_factory=lambda: StageSettings(

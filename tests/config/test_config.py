@@ -42,7 +42,7 @@ def test_paper_preset_has_the_papers_budgets():
     assert paper.high_level.decisions == 0
     assert paper.low_level.exploration.steps == 1000
     # What a preset does not mention keeps its default.
-    assert paper.low_level.tracking_weight == 2.0
+    assert paper.low_level.tracking_weight == 1.0
 
 
 def test_later_layers_win(tmp_path):

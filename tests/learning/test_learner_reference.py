@@ -114,3 +114,17 @@ def test_double_precision_to_ten_digits(double, kind):
 
 def test_single_precision():
     compare(make_settings(double=True, kind="moving-average"), np.float32, 2e-4)
+
+
+def test_step_size_falls_linearly_and_stays():
+    """With one weight and a constant gradient Adam moves by exactly its step size."""
+    settings = LearnerSettings(learning_rate=1e-2, final_learning_rate=1e-3, learning_rate_decay=10)
+    adam = learner._adam(settings)
+    weight = jnp.float32(0.0)
+    state = adam.init(weight)
+    moved = []
+    for _ in range(14):
+        step, state = adam.update(jnp.float32(1.0), state)
+        moved.append(-float(step))
+    expected = [1e-2 - 9e-3 * min(i / 10, 1.0) for i in range(14)]
+    np.testing.assert_allclose(moved, expected, rtol=1e-4)

@@ -37,7 +37,7 @@ class LearnerSettings:
     """Adam's step size."""
     final_learning_rate: Annotated[float, Between(1e-8, 1.0)] = 1e-4
     """Adam's step size once it has fallen, linearly, over `learning_rate_decay` updates."""
-    learning_rate_decay: Annotated[int, Between(0, 1_000_000_000)] = 15_000
+    learning_rate_decay: Annotated[int, Between(0, 1_000_000_000)] = 0
     """Updates over which the step size falls from `learning_rate` to `final_learning_rate`;
     0 keeps it constant."""
     batch_size: Annotated[int, Between(1, 65_536)] = 64
