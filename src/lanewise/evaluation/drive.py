@@ -72,7 +72,8 @@ def start(course: TestCourse, seed: int, index: int) -> World:
     those that `test` drives.
     """
     block = _start_block(course, seed, index - index % BLOCK)
-    return jax.tree.map(lambda leaf: leaf[index % BLOCK], block)
+    world: World = jax.tree.map(lambda leaf: leaf[index % BLOCK], block)
+    return world
 
 
 def test(course: TestCourse, parameters: Parameters, seed: int, count: int) -> Episodes:
