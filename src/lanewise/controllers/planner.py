@@ -27,6 +27,8 @@ HEADING_LIMIT = 0.2
 """The preview pays for headings above this, rad."""
 LOOK_AHEAD = 1.0
 """The final offset is judged where the car will be this much later, s."""
+SPEED_FIRST = 1.5
+"""Farther than this from the target lane's centre, the target speed comes before the turn, m."""
 REST = 0.28
 """Coming to rest farther from the lane's centre than this costs extra, m: goals want 0.3."""
 
@@ -68,6 +70,8 @@ def act(settings: PlannerSettings, driving: DrivingSettings, goal: Goal, percept
     final = offset + LOOK_AHEAD * speed * jnp.sin(heading)
     cost += 10.0 * final**2 + 10.0 * jnp.maximum(jnp.abs(final) - REST, 0.0)
     cost += 0.3 * (30.0 * heading) ** 2
+    ruled_out = jnp.asarray((turns[:, 0] != 0) | (trims != 0))
+    cost = jnp.where(_waits(driving, goal, percept) & ruled_out, jnp.inf, cost)
     best = jnp.argmin(cost)
     turn, pull = (value[best].astype(jnp.int32) for value in first)
     return actions.index(pull, turn)
@@ -77,6 +81,18 @@ def speed_rule(driving: DrivingSettings, target: Array, speed: Array) -> Array:
     """Sign of the acceleration that brings ``speed`` nearest to ``target`` in one decision."""
     quantum = driving.actions.acceleration * driving.decision_duration
     return jnp.clip(jnp.round((target - speed) / quantum), -1.0, 1.0)
+
+
+def _waits(driving: DrivingSettings, goal: Goal, percept: Percept) -> Array:
+    """Whether a change of lane waits for the target speed; bool [].
+
+    Turning at constant speed would otherwise put the lane first every time: a goal's speed would
+    never come true while lanes change, and the high level would learn to ask for speeds that a
+    low level, which does accelerate while turning, had better not drive.
+    """
+    pending = speed_rule(driving, goal.speed, percept.speed) != 0
+    far = jnp.abs(percept.y - percept.road.centre[goal.lane]) > SPEED_FIRST
+    return pending & far & (jnp.abs(percept.heading) < STRAIGHT)
 
 
 def _preview(

@@ -22,7 +22,7 @@ class GoalSettings:
     """D_delta of the goal critic."""
     speed_tolerance: Annotated[float, Between(0.01, 10.0, "m/s")] = 0.3
     """V_delta of the goal critic."""
-    time_limit: Annotated[float, Between(0.5, 1000.0, "s")] = 2.0
+    time_limit: Annotated[float, Between(0.5, 1000.0, "s")] = 3.0
     """A goal not reached by then is given up (row 13)."""
     reference: Annotated[str, OneOf(("previous-goal", "current-state"))] = "previous-goal"
     """What a new goal moves: the previous goal, or the lane and speed of the moment (row 22c)."""
