@@ -67,6 +67,15 @@ def step(
     return judge(settings, episode, world, action, duration)
 
 
+def ends_timestep(settings: DrivingSettings, after: Episode, outcome: Outcome) -> Array:
+    """Whether a decision's reward counts in the paper's sum: one a second, and an accident's.
+
+    bool []; row 3 of the reading.
+    """
+    full = after.decisions % settings.decisions_per_timestep == 0
+    return full | outcome.terminated
+
+
 def judge(
     settings: DrivingSettings, before: Episode, world: World, action: Array, duration: int
 ) -> tuple[Episode, Outcome]:

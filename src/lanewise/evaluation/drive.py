@@ -124,13 +124,13 @@ def gather(
     driving: DrivingSettings, sums: Sums, state: Episode, outcome: Outcome, memory: Any
 ) -> Sums:
     """Sums after one more decision; unchanged if the episode was over before it."""
-    second = (state.decisions % driving.decisions_per_timestep == 0) | outcome.terminated
+    counts = episode.ends_timestep(driving, state, outcome)
     first_escape = state.escaped & (sums.escape == 0)
     with_goals = isinstance(memory, GoalMemory)
     after = Sums(
         over=outcome.terminated | outcome.truncated,
         accident=outcome.accident,
-        reward=sums.reward + jnp.where(second, outcome.reward, 0.0),
+        reward=sums.reward + jnp.where(counts, outcome.reward, 0.0),
         speed=sums.speed + state.world.vehicles.speed[0],
         distance=state.world.vehicles.x[0],
         decisions=state.decisions,

@@ -204,10 +204,10 @@ def _transition(
 
 def _count(driving: DrivingSettings, tally: Tally, state: Episode, outcome: Outcome) -> Tally:
     """Sums after one more decision."""
-    second = (state.decisions % driving.decisions_per_timestep == 0) | outcome.terminated
+    counts = episode.ends_timestep(driving, state, outcome)
     return Tally(
         reward=tally.reward + outcome.reward,
-        timestep_reward=tally.timestep_reward + jnp.where(second, outcome.reward, 0.0),
+        timestep_reward=tally.timestep_reward + jnp.where(counts, outcome.reward, 0.0),
         speed=tally.speed + state.world.vehicles.speed[0],
     )
 
