@@ -15,11 +15,20 @@ PAGES = (ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob
 SECTIONS = {name.split(".")[0] for name in config.kinds()}
 
 
-def make_settings():
-    spec = importlib.util.spec_from_file_location("make_settings", ROOT / "docs/make_settings.py")
+def script(name):
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def make_settings():
+    return script("make_settings")
+
+
+def test_results_come_from_the_stored_files():
+    for path, text in script("make_results").pages().items():
+        assert path.read_text() == text, f"{path.name}: run python docs/make_results.py"
 
 
 def commands(page):
