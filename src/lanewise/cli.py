@@ -12,8 +12,8 @@ from typing import Any
 from lanewise import __version__
 from lanewise.commands import evaluate, reproduce, train, watch
 from lanewise.commands.arguments import Parsed, parse
-from lanewise.config import look_up
 from lanewise.errors import LanewiseError, SettingsError
+from lanewise.names import look_up
 
 COMMANDS: dict[str, type] = {
     "train": train.Train,

@@ -1,26 +1,24 @@
 """Composes the settings of all parts: presets, TOML files, cross-checks. Imports no JAX."""
 
 import dataclasses
-import difflib
 import hashlib
 import json
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, get_type_hints
 
 from lanewise.controllers.settings import GoalSettings, PlannerSettings
 from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import SettingsError
 from lanewise.evaluation.settings import EvaluationSettings
 from lanewise.learning.settings import LearnerSettings
+from lanewise.names import look_up, nearest
 from lanewise.ranges import Between, Kind, show
 from lanewise.scenario.settings import TrapSettings
 from lanewise.training.settings import StageSettings
-
-T = TypeVar("T")
 
 CAR_LENGTH = 5.0
 """Length of every car, m; nobody may start closer than this, centre to centre."""
@@ -120,14 +118,6 @@ def compose(
     if flags is not None:
         values |= flags
     return replace(Settings(), values)
-
-
-def look_up(what: str, name: str, table: Mapping[str, T]) -> T:
-    """Returns ``table[name]``, or says which name comes nearest."""
-    if name in table:
-        return table[name]
-    hint = nearest(name, table)
-    raise SettingsError(f'unknown {what} "{name[:80]}"; {hint or "known: " + ", ".join(table)}')
 
 
 @cache
@@ -265,35 +255,6 @@ def unknown_setting(name: str) -> str:
     """The message for a name that is no setting, with the nearest right one."""
     hint = nearest(name, kinds()) or "`lanewise train --help` lists all"
     return f'unknown setting "{name[:80]}"; {hint}'
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """A hint with the known name nearest to a wrong one, or nothing.
-
-    Dashes and underscores are equal, and a name may be given without its sections: the last
-    word alone finds the setting too.
-    """
-    full = {option.replace("-", "_"): option for option in known}
-    wanted = name.replace("-", "_").lower()
-    close = difflib.get_close_matches(wanted, full, n=1, cutoff=0.75)
-    if close:
-        return f"did you mean {full[close[0]]}?"
-    leaves: dict[str, list[str]] = {}
-    for option, original in full.items():
-        leaves.setdefault(option.rpartition(".")[2], []).append(original)
-    close = difflib.get_close_matches(wanted.rpartition(".")[2], leaves, n=1, cutoff=0.75)
-    if close:
-        # The same word may stand in several sections; the most alike comes first, three suffice.
-        alike = difflib.SequenceMatcher(a="", b=wanted)
-        options = sorted(leaves[close[0]], key=lambda option: -_likeness(alike, option))
-        return "did you mean " + " or ".join(options[:3]) + "?"
-    close = difflib.get_close_matches(wanted, full, n=1, cutoff=0.5)
-    return f"did you mean {full[close[0]]}?" if close else ""
-
-
-def _likeness(matcher: difflib.SequenceMatcher[str], option: str) -> float:
-    matcher.set_seq1(option.replace("-", "_"))
-    return matcher.ratio()
 
 
 def load_toml(path: Path) -> dict[str, object]:

@@ -19,6 +19,7 @@ from typing import Any, Generic, TypeVar, Union, get_args, get_origin, get_type_
 
 from lanewise import config
 from lanewise.errors import SettingsError
+from lanewise.names import nearest
 from lanewise.ranges import Kind
 
 C = TypeVar("C")
@@ -142,7 +143,7 @@ def _find(command: type, flags: Mapping[str, Option], flag: str) -> Option:
     normal = flag if len(flag) == 2 else flag_of(flag.removeprefix("--"))
     if normal in flags:
         return flags[normal]
-    hint = config.nearest(flag.lstrip("-"), [known.removeprefix("--") for known in flags])
+    hint = nearest(flag.lstrip("-"), [known.removeprefix("--") for known in flags])
     hint = hint.replace("did you mean ", "did you mean --").replace(" or ", " or --")
     hint = hint or f"`lanewise {command.__name__.lower()} --help` lists all"
     raise SettingsError(f'unknown option "{flag[:80]}"; {hint}')
