@@ -1,6 +1,6 @@
 """Fill the results of ``README.md`` and write ``docs/results.md`` from the stored result files.
 
-    python docs/make_results.py
+python docs/make_results.py
 """
 
 import json
@@ -10,7 +10,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 BEGIN, END = "<!-- results -->", "<!-- /results -->"
-QUICK = ROOT / "results" / "quick.json"
+STORED = ("quick-single-level.json", "quick.json")
 COLUMNS = (
     ("accumulated_reward", "reward", 1.0, 2, ""),
     ("average_speed", "speed", 1.0, 2, " m/s"),
@@ -33,7 +33,8 @@ def main() -> None:
 
 def pages() -> dict[Path, str]:
     """What the two files must hold."""
-    stored = json.loads(QUICK.read_text())
+    paths = [ROOT / "results" / name for name in STORED]
+    stored = [json.loads(path.read_text()) for path in paths if path.exists()]
     readme = ROOT / "README.md"
     head, rest = readme.read_text().split(BEGIN)
     tail = rest.split(END)[1]
@@ -43,8 +44,9 @@ def pages() -> dict[Path, str]:
     }
 
 
-def _summary(stored: dict[str, Any]) -> str:
+def _summary(stored: Rows) -> str:
     """The paper's table with ours beside it, means over seeds."""
+    every = [row for study in stored for row in study["rows"]]
     lines = [
         "| " + " | ".join(["test episodes of 25 s", *(c[1] for c in COLUMNS)]) + " |",
         "|---|" + "---:|" * len(COLUMNS),
@@ -53,17 +55,17 @@ def _summary(stored: dict[str, Any]) -> str:
         values = dict(zip((c[0] for c in COLUMNS), published, strict=True))
         lines.append(_line(f"{controller}, published", [values]))
         for world, title in (("lanewise", "here"), ("highway_env", "in highway-env")):
-            rows = [r for r in stored["rows"] if r["controller"] == controller and r.get(world)]
+            rows = [r for r in every if r["controller"] == controller and r.get(world)]
             if rows:
                 seeds = f"{len(rows)} seeds × {rows[0][world]['episodes']}"
                 lines.append(_line(f"{controller}, {title} ({seeds})", [r[world] for r in rows]))
-    machine = stored["machine"]
+    made = " and ".join(f"`{study['command']}` ({study['date'][:10]})" for study in stored)
+    machine = stored[-1]["machine"]
     lines += [
         "",
-        f"Preset `quick`, all seeds, none left out; made by `{stored['command']}` on "
-        f"{stored['date'][:10]} ({machine.get('processor', 'a CPU')}, "
-        f"{machine.get('cores', 2)} cores). Every seed is in "
-        "[docs/results.md](docs/results.md), the stored figures in `results/quick.json`.",
+        f"Preset `quick`, all seeds, none left out; made by {made} on {machine['cores']} cores of an "
+        f"{machine['processor']}. Every seed is in [docs/results.md](docs/results.md), the stored "
+        "figures are in `results/`.",
     ]
     return "\n".join(lines) + "\n"
 
@@ -73,17 +75,18 @@ def _line(title: str, group: Rows) -> str:
     return f"| {title} | " + " | ".join(cells) + " |"
 
 
-def _details(stored: dict[str, Any]) -> str:
+def _details(stored: Rows) -> str:
     """Every seed by itself."""
+    every = [row for study in stored for row in study["rows"]]
     lines = [
         "# Results, seed by seed",
         "",
-        "Written by `python docs/make_results.py` from `results/quick.json`; not by hand. Weights",
+        "Written by `python docs/make_results.py` from `results/quick*.json`, not by hand. Weights",
         "were chosen on validation starts; each controller drove the test starts once. `same` is the",
         "share of starts that end alike (success and accident) in both worlds.",
     ]
     for controller in PUBLISHED:
-        rows = [r for r in stored["rows"] if r["controller"] == controller]
+        rows = [r for r in every if r["controller"] == controller]
         if rows:
             lines += ["", f"## {controller}", "", *_seed_table(rows)]
     return "\n".join(lines) + "\n"

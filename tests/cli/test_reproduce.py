@@ -1,0 +1,54 @@
+"""The main job, end to end, at the smallest size."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+TINY = [
+    *("--episodes", "3", "--highway-env-episodes", "1", "--evaluation.duration", "2"),
+    *("--evaluation.validation-episodes", "2", "--planner.preview", "2"),
+]
+for stage in ("single-level", "high-level", "low-level"):
+    TINY += [f"--{stage}.decisions", "100", f"--{stage}.worlds", "2"]
+    TINY += [f"--{stage}.learner.hidden", "8", "8", f"--{stage}.learner.warm-up", "50"]
+
+
+def reproduce(out):
+    command = [sys.executable, "-m", "lanewise", "reproduce", "--out", str(out), *TINY]
+    return subprocess.run(command, capture_output=True, text=True, timeout=600)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    out = tmp_path_factory.mktemp("reproduce") / "out"
+    return out, reproduce(out)
+
+
+def test_it_prints_the_papers_table_with_ours_beside_it(done):
+    _, result = done
+    assert result.returncode == 0, result.stderr
+    for figure in ("13.20", "97.67", "331.6", "3.32", "10.29", "257.3"):
+        assert figure in result.stdout
+    assert "starts end alike in both worlds" in result.stdout
+    assert "[hierarchical] step-2: 100%" in result.stderr
+
+
+def test_it_leaves_a_report(done):
+    out, _ = done
+    report = json.loads((out / "report.json").read_text())
+    assert (out / "report.md").read_text().count("|") > 50
+    for name in ("curves.png", "curves.svg", "clip.gif"):
+        assert (out / name).stat().st_size > 1000
+    assert "versions" in json.dumps(report)
+
+
+def test_a_complete_folder_is_not_overwritten(done):
+    out, _ = done
+    before = (out / "report.md").read_bytes()
+    again = reproduce(out)
+    assert again.returncode == 2
+    assert again.stderr.startswith("lanewise: error:")
+    assert "complete" in again.stderr
+    assert (out / "report.md").read_bytes() == before
