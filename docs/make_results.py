@@ -57,14 +57,14 @@ def _summary(stored: Rows) -> str:
         for world, title in (("lanewise", "here"), ("highway_env", "in highway-env")):
             rows = [r for r in every if r["controller"] == controller and r.get(world)]
             if rows:
-                seeds = f"{len(rows)} seeds × {rows[0][world]['episodes']}"
+                seeds = f"{len(rows)} seeds of {rows[0][world]['episodes']}"
                 lines.append(_line(f"{controller}, {title} ({seeds})", [r[world] for r in rows]))
     made = " and ".join(f"`{study['command']}` ({study['date'][:10]})" for study in stored)
     machine = stored[-1]["machine"]
     lines += [
         "",
-        f"Preset `quick`, all seeds, none left out; made by {made} on {machine['cores']} cores of an "
-        f"{machine['processor']}. Every seed is in [docs/results.md](docs/results.md), the stored "
+        f"Preset `quick`, all seeds, none left out; made by {made} on {machine['cores']} cores "
+        f"of an {machine['processor']}. Every seed is in [docs/results.md](docs/results.md), the stored "
         "figures are in `results/`.",
     ]
     return "\n".join(lines) + "\n"
@@ -82,8 +82,8 @@ def _details(stored: Rows) -> str:
         "# Results, seed by seed",
         "",
         "Written by `python docs/make_results.py` from `results/quick*.json`, not by hand. Weights",
-        "were chosen on validation starts; each controller drove the test starts once. `same` is the",
-        "share of starts that end alike (success and accident) in both worlds.",
+        "were chosen on validation starts; each controller drove the test starts once. `same` is",
+        "the share of starts that end alike (success and accident) in both worlds.",
     ]
     for controller in PUBLISHED:
         rows = [r for r in every if r["controller"] == controller]
