@@ -64,8 +64,8 @@ def _summary(stored: Rows) -> str:
     lines += [
         "",
         f"Preset `quick`, all seeds, none left out; made by {made} on {machine['cores']} cores "
-        f"of an {machine['processor']}. Every seed is in [docs/results.md](docs/results.md), the stored "
-        "figures are in `results/`.",
+        f"of an {machine['processor']}. Every seed is in [docs/results.md](docs/results.md), "
+        "the stored figures are in `results/`.",
     ]
     return "\n".join(lines) + "\n"
 
