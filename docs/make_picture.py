@@ -8,8 +8,8 @@ from pathlib import Path
 
 from PIL import Image
 
-from lanewise.commands import testing
 from lanewise.evaluation.episodes import Recording
+from lanewise.experiments import testing
 from lanewise.report import scene
 from lanewise.runs import trained
 

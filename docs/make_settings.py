@@ -5,17 +5,14 @@ Wherever a page quotes a setting as `` `name = value` ``, the value is the defau
 rewritten here.
 """
 
-import ast
 import dataclasses
-import inspect
 import json
 import re
-import textwrap
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, get_type_hints
 
 from lanewise import config
+from lanewise.commands import docstrings
 from lanewise.config import PRESETS, TRAPS, Settings
 from lanewise.ranges import Kind
 
@@ -33,16 +30,6 @@ finite and in its range.
 """
 
 
-def docstrings(owner: type) -> dict[str, str]:
-    """The docstring below each field of a dataclass, on one line."""
-    body = ast.parse(textwrap.dedent(inspect.getsource(owner))).body[0]
-    found = {}
-    for item, below in pairwise(body.body if isinstance(body, ast.ClassDef) else []):
-        if isinstance(item, ast.AnnAssign) and isinstance(below, ast.Expr):
-            found[ast.unparse(item.target)] = " ".join(ast.literal_eval(below.value).split())
-    return found
-
-
 def value(setting: Any) -> str:
     """A setting's value as TOML spells it."""
     return json.dumps(setting, allow_nan=False)
@@ -50,7 +37,7 @@ def value(setting: Any) -> str:
 
 def sections(owner: type, prefix: str = "") -> list[str]:
     """A section for each dataclass: its own settings, then the sections below it."""
-    docs, defaults = docstrings(owner), config.flatten(config.compose())
+    docs, defaults = docstrings.of_fields(owner), config.flatten(config.compose())
     rows, below = [], []
     for name, annotation in get_type_hints(owner, include_extras=True).items():
         if dataclasses.is_dataclass(annotation):

@@ -18,7 +18,13 @@ from lanewise.learning.settings import LearnerSettings
 from lanewise.names import look_up, nearest
 from lanewise.ranges import Between, Kind, show
 from lanewise.scenario.settings import TrapSettings
-from lanewise.training.settings import StageSettings
+from lanewise.training.settings import (
+    BudgetSettings,
+    HDQNSettings,
+    LevelSettings,
+    SingleLevelSettings,
+    StageSettings,
+)
 
 CAR_LENGTH = 5.0
 """Length of every car, m; nobody may start closer than this, centre to centre."""
@@ -40,8 +46,8 @@ class Settings:
     """The rule-based planner of step 1."""
     evaluation: EvaluationSettings = field(default_factory=EvaluationSettings)
     """How controllers are tested, and how weights are chosen."""
-    single_level: StageSettings = field(
-        default_factory=lambda: StageSettings(
+    single_level: SingleLevelSettings = field(
+        default_factory=lambda: SingleLevelSettings(
             decisions=360_000, learner=LearnerSettings(learning_rate_decay=45_000)
         )
     )
@@ -59,30 +65,42 @@ class Settings:
         )
     )
     """Step 2: training of the low level below the frozen high level."""
+    h_dqn: HDQNSettings = field(
+        default_factory=lambda: HDQNSettings(
+            decisions=360_000,
+            high_level=LevelSettings(learner=LearnerSettings(learning_rate_decay=45_000)),
+            low_level=LevelSettings(
+                external_weight=0.0,
+                goal_reward=1.0,
+                goal_end="terminal",
+                learner=LearnerSettings(learning_rate_decay=45_000),
+            ),
+        )
+    )
+    """h-DQN: both levels together, with the budget of both steps."""
 
 
 STAGES = ("single_level", "high_level", "low_level")
 
-_PAPER_STAGE: dict[str, object] = {
-    "decisions": 0,
-    "duration": 250,
+_PAPER_BUDGET: dict[str, object] = {"decisions": 0, "duration": 250}
+_PAPER_LEVEL: dict[str, object] = {
     "exploration.start": 0.5,
     "exploration.end": 0.02,
     "exploration.steps": 1000,
     "learner.learning_rate_decay": 0,
 }
 
+
+def _under(names: tuple[str, ...], values: Mapping[str, object]) -> dict[str, object]:
+    return {f"{name}.{leaf}": value for name in names for leaf, value in values.items()}
+
+
 PRESETS: dict[str, dict[str, object]] = {
     "quick": {},
-    "paper": {f"{stage}.{name}": value for stage in STAGES for name, value in _PAPER_STAGE.items()}
-    | {
-        "single_level.episodes": 2000,
-        "single_level.keep": "last",
-        "high_level.episodes": 1000,
-        "high_level.keep": "best-training",
-        "low_level.episodes": 2000,
-        "low_level.keep": "last",
-    },
+    "paper": _under((*STAGES, "h_dqn"), _PAPER_BUDGET)
+    | _under((*STAGES, "h_dqn.high_level", "h_dqn.low_level"), _PAPER_LEVEL)
+    | _under(("single_level", "low_level", "h_dqn"), {"episodes": 2000, "keep": "last"})
+    | _under(("high_level",), {"episodes": 1000, "keep": "best-training"}),
 }
 """Training presets: what each changes in the defaults."""
 
@@ -187,7 +205,12 @@ def validate(settings: Settings) -> None:
     _check_scenario(settings)
     _check_driving(settings)
     for stage in STAGES:
-        _check_stage(stage, getattr(settings, stage))
+        part = getattr(settings, stage)
+        _check_budget(stage, part)
+        _check_level(stage, part, part)
+    _check_budget("h_dqn", settings.h_dqn)
+    for level in ("high_level", "low_level"):
+        _check_level(f"h_dqn.{level}", settings.h_dqn, getattr(settings.h_dqn, level))
 
 
 def _check_scenario(settings: Settings) -> None:
@@ -230,17 +253,20 @@ def _check_driving(settings: Settings) -> None:
         )
 
 
-def _check_stage(stage: str, settings: StageSettings) -> None:
-    if settings.episodes == 0 and settings.decisions == 0:
+def _check_budget(stage: str, budget: BudgetSettings) -> None:
+    if budget.episodes == 0 and budget.decisions == 0:
         raise SettingsError(
             f"{stage}.episodes and {stage}.decisions are both 0: training would never end"
         )
-    learner = f"{stage}.learner"
-    capacity = (f"{learner}.replay_capacity", settings.learner.replay_capacity)
-    _at_most((f"{learner}.batch_size", settings.learner.batch_size), capacity)
-    _at_most((f"{learner}.warm_up", settings.learner.warm_up), capacity)
-    _at_most((f"{stage}.worlds", settings.worlds), capacity)
-    for width in settings.learner.hidden:
+
+
+def _check_level(name: str, budget: BudgetSettings, level: LevelSettings) -> None:
+    learner = f"{name}.learner"
+    capacity = (f"{learner}.replay_capacity", level.learner.replay_capacity)
+    _at_most((f"{learner}.batch_size", level.learner.batch_size), capacity)
+    _at_most((f"{learner}.warm_up", level.learner.warm_up), capacity)
+    _at_most((f"{name.split('.')[0]}.worlds", budget.worlds), capacity)
+    for width in level.learner.hidden:
         Kind(int, None, Between(1, 65_536)).check(f"{learner}.hidden", width)
 
 
@@ -353,9 +379,8 @@ def from_dict(table: Mapping[str, Any]) -> Settings:
 
 
 def digest(settings: Settings) -> str:
-    """SHA-256 over all settings, the name under which stored files belong to them."""
-    canonical = json.dumps(to_dict(settings), sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(canonical.encode()).hexdigest()
+    """SHA-256 over the settings file, by which stored files belong to them."""
+    return hashlib.sha256(dump_toml(settings).encode()).hexdigest()
 
 
 def first_difference(ours: Settings, theirs: Settings) -> str:

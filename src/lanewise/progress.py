@@ -92,7 +92,7 @@ class Progress:
         if done <= self._first or done >= self._total:
             return ""
         seconds = (now - self._began) * (self._total - done) / (done - self._first)
-        return f"{_duration(seconds)} left"
+        return f"{duration(seconds)} left"
 
     def _line(self, text: str) -> None:
         self._stream.write(text + "\n")
@@ -112,7 +112,8 @@ def _make_bar(stream: TextIO) -> Bar:
     )
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
+    """A time for people: seconds, minutes, or hours and minutes."""
     if seconds < 60:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60)

@@ -39,7 +39,7 @@ REFUSALS = [
     (["train", "hierarchical"], "missing --out"),
     (
         ["train", "flat", "--out", "run"],
-        "CONTROLLER must be one of hierarchical, single-level, got",
+        "CONTROLLER must be one of hierarchical, single-level, planned, h-dqn, got",
     ),
     ([*TRAIN, "more"], 'unexpected argument "more"'),
     ([*TRAIN, "--out"], "--out: expected"),
@@ -164,10 +164,10 @@ def test_help_lists_every_setting_with_text_default_and_range(command, capsys, m
 
 
 def test_no_setting_is_without_help():
-    from lanewise.commands.helptext import _docstrings
+    from lanewise.commands.docstrings import of_fields
 
     for owner in {type(part) for part in _parts(Settings())} | set(cli.COMMANDS.values()):
-        assert set(_docstrings(owner)) == set(owner.__dataclass_fields__), owner
+        assert set(of_fields(owner)) == set(owner.__dataclass_fields__), owner
 
 
 def _parts(part):

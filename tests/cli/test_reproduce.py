@@ -32,7 +32,8 @@ def test_it_prints_the_papers_table_with_ours_beside_it(done):
     for figure in ("13.20", "97.67", "331.6", "3.32", "10.29", "257.3"):
         assert figure in result.stdout
     assert "starts end alike in both worlds" in result.stdout
-    assert "[hierarchical] step-2: 100%" in result.stderr
+    assert "[hierarchical, seed 0] step-2: 100%" in result.stderr
+    assert "[2/2]" in result.stderr
 
 
 def test_it_leaves_a_report(done):

@@ -49,7 +49,7 @@ def percepts(count, seed=0):
 def drive(controller, parameters, seen):
     """(actions, memories) of a controller over a series of percepts."""
     act = jax.jit(lambda memory, p: controllers.act(controller, parameters, memory, p))
-    memory, taken, memories = controller.start(parameters, seen[0]), [], []
+    memory, taken, memories = controller.start(seen[0]), [], []
     for one in seen:
         action, memory, _ = act(memory, one)
         taken.append(int(action))
@@ -58,7 +58,8 @@ def drive(controller, parameters, seen):
 
 
 def goals_of(memories):
-    return [(int(memory.goal.lane), float(memory.goal.speed)) for memory in memories]
+    goals = [memory.goal.goal for memory in memories]
+    return [(int(goal.lane), float(goal.speed)) for goal in goals]
 
 
 def test_hierarchical_and_planned_set_the_same_goals_for_the_same_percepts():
@@ -70,16 +71,21 @@ def test_hierarchical_and_planned_set_the_same_goals_for_the_same_percepts():
     assert len(set(planned)) > 3
 
 
-def test_each_controller_states_what_its_network_sees_and_chooses():
-    seen, parameters = percepts(1)[0], networks()
-    expected = {"planned": (26, 9), "hierarchical": (28, 9), "single-level": (26, 9)}
+def test_each_level_states_what_its_network_sees_and_chooses():
+    seen = percepts(1)[0]
+    expected = {
+        "planned": [("high_level", 26, 9)],
+        "hierarchical": [("high_level", 26, 9), ("low_level", 28, 9)],
+        "single-level": [("single_level", 26, 9)],
+    }
     for controller in (PLANNED, HIERARCHICAL, SingleLevel()):
-        memory = controller.start(parameters, seen)
-        memory = controller.perceive(parameters, memory, seen)
-        inputs, choices = expected[controller.name]
-        assert controller.features(memory, seen).shape == (inputs,) == (controller.feature_count,)
-        assert controller.choice_count == choices
-    assert replace(PLANNED, goals=GoalSettings(action_set="single-5")).choice_count == 5
+        memory = controller.perceive(controller.start(seen), seen)
+        found = [(lv.name, lv.feature_count, lv.choice_count) for lv in controller.levels]
+        assert found == expected[controller.name]
+        for level in controller.levels:
+            assert level.features(memory, seen).shape == (level.feature_count,)
+    fewer = replace(PLANNED, goals=GoalSettings(action_set="single-5"))
+    assert fewer.levels[0].choice_count == 5
 
 
 def test_the_single_level_controller_reads_nothing_but_the_features():
@@ -97,39 +103,67 @@ def test_controllers_with_goals_never_read_where_along_the_road_they_are(control
     assert drive(controller, networks(), hidden)[0] == drive(controller, networks(), seen)[0]
 
 
+def chosen(controller, seen, choice):
+    """The memory of a fresh episode after the high level's choice."""
+    memory = controller.perceive(controller.start(seen), seen)
+    return controller.levels[0].choose(memory, seen, jnp.int32(choice))
+
+
 def test_the_planner_reads_no_features():
     """The high level's features are the only road to other vehicles; the planner has none."""
-    memory = PLANNED.start(networks(), percepts(1)[0])
+    memory = chosen(PLANNED, percepts(1)[0], 2)
     for seen in percepts(6):
         blind = replace(seen, features=None)
-        taken, _ = PLANNED.decide(memory, seen, jnp.int32(2))
-        assert int(PLANNED.decide(memory, blind, jnp.int32(2))[0]) == int(taken)
+        taken, _ = PLANNED.act(memory, seen)
+        assert int(PLANNED.act(memory, blind)[0]) == int(taken)
 
 
 def test_the_goal_reaches_the_low_level_as_two_features():
     seen = percept_of(y=4.0, speed=10.0, features=jnp.arange(26.0))
-    memory = HIERARCHICAL.start(networks(), seen)
-    goal = replace(memory.goal, lane=jnp.int32(2), speed=jnp.float32(11.0))
-    features = HIERARCHICAL.features(replace(memory, goal=goal), seen)
+    memory = HIERARCHICAL.start(seen)
+    goal = replace(memory.goal.goal, lane=jnp.int32(2), speed=jnp.float32(11.0))
+    memory = replace(memory, goal=replace(memory.goal, goal=goal))
+    features = HIERARCHICAL.levels[1].features(memory, seen)
     np.testing.assert_allclose(features, [*range(26), 1.0, 0.5], atol=1e-6)
 
 
-def test_the_planned_network_chooses_only_when_a_goal_is_due():
+def test_the_high_level_chooses_only_when_a_goal_is_due():
     seen = percept_of(y=4.0, speed=10.0)
-    memory = PLANNED.start(networks(), seen)
-    assert PLANNED.ready(memory)
-    _, memory = PLANNED.decide(memory, seen, jnp.int32(0))
+    (high,) = PLANNED.levels
+    assert high.ready(PLANNED.start(seen))
+    _, memory = PLANNED.act(chosen(PLANNED, seen, 0), seen)
     assert goals_of([memory]) == [(0, 9.0)]
-    memory = PLANNED.perceive(networks(), memory, seen)
-    assert not PLANNED.ready(memory)
-    _, ignored = PLANNED.decide(memory, seen, jnp.int32(8))
-    assert goals_of([ignored]) == [(0, 9.0)]
+    memory = PLANNED.perceive(memory, seen)
+    assert not high.ready(memory)
+    assert goals_of([high.choose(memory, seen, jnp.int32(8))]) == [(0, 9.0)]
+
+
+def test_feedback_is_the_distance_from_the_goal_and_whether_it_is_reached():
+    seen = percept_of(y=4.0, speed=10.0)
+    memory = chosen(HIERARCHICAL, seen, 2)  # one lane left, 1 m/s faster
+    assert goals_of([memory]) == [(0, 11.0)]
+    feedback = HIERARCHICAL.feedback(memory, seen)
+    assert float(feedback.distance) == pytest.approx(4.0 / 4.0 + 1.0 / 2.0)
+    assert not feedback.reached
+    there = percept_of(y=0.2, speed=10.9)
+    assert HIERARCHICAL.feedback(memory, there).reached
+    assert float(SingleLevel().feedback(SingleLevel().start(seen), seen).distance) == 0.0
 
 
 def test_act_is_greedy():
     seen, parameters = percepts(1)[0], networks()
-    action, _, trace = controllers.act(SingleLevel(), parameters, (), seen)
+    action, _, traces = controllers.act(SingleLevel(), parameters, SingleLevel().start(seen), seen)
     values = network.q_values(parameters["single_level"], seen.features)
+    trace = traces["single_level"]
     np.testing.assert_allclose(trace.values, values)
     assert int(action) == int(np.argmax(values)) == int(trace.choice)
     assert int(action) in range(actions.COUNT)
+
+
+def test_a_held_choice_stays_for_its_decisions():
+    seen = percepts(24)
+    taken, _ = drive(SingleLevel(hold=3), networks(), seen)
+    free, _ = drive(SingleLevel(), networks(), seen)
+    assert taken[::3] == free[::3]
+    assert all(taken[i] == taken[i - i % 3] for i in range(24))
+    assert taken != free

@@ -28,7 +28,7 @@ class Constant(SingleLevel):
 
     action: int = 4
 
-    def decide(self, memory, percept, choice):
+    def act(self, memory, percept):
         return jnp.int32(self.action), memory
 
 

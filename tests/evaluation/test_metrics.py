@@ -141,3 +141,25 @@ def test_csv_has_one_row_an_episode_in_full():
     assert rows[2]["escape_time"] == ""
     assert float(rows[1]["travel_distance"]) == 350.0
     assert rows[0]["goals"] == "10"
+
+
+def test_a_csv_is_read_back_to_the_same_episodes():
+    rng = np.random.default_rng(4)
+    first = Episodes(
+        success=rng.random(9) < 0.5,
+        accident=rng.integers(0, 4, 9).astype(np.int8),
+        accumulated_reward=rng.normal(size=9),
+        average_speed=rng.normal(size=9),
+        travel_distance=rng.normal(size=9),
+        duration=rng.normal(size=9),
+        escape_time=np.where(rng.random(9) < 0.5, np.nan, rng.random(9)),
+        goals=rng.integers(0, 9, 9),
+        goals_timed_out=rng.integers(0, 9, 9),
+    )
+    again = metrics.from_csv(metrics.to_csv(first))
+    for name in Episodes.__dataclass_fields__:
+        np.testing.assert_array_equal(getattr(again, name), getattr(first, name), err_msg=name)
+        assert getattr(again, name).dtype == getattr(first, name).dtype
+    for text in ("", "episode,success\n0,1\n", metrics.to_csv(first).replace("none", "nobody")):
+        with pytest.raises(LanewiseError, match="damaged"):
+            metrics.from_csv(text + "x")

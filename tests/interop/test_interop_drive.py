@@ -9,6 +9,7 @@ import pytest
 
 from lanewise.controllers import planner
 from lanewise.controllers.goals import Goal
+from lanewise.controllers.rule_based import RuleBased
 from lanewise.controllers.settings import PlannerSettings
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.settings import DrivingSettings
@@ -23,10 +24,12 @@ from lanewise.scenario.settings import TrapSettings
 class BrakeAndPass(SingleLevel):
     """The way out by hand: fall back, cross to the right lane, then speed up."""
 
-    def start(self, parameters, percept):
+    levels: tuple = ()
+
+    def start(self, percept):
         return jnp.int32(0)
 
-    def decide(self, memory, percept, choice):
+    def act(self, memory, percept):
         braking = memory < 4
         lane = jnp.where(braking, 0, 2)
         goal = Goal(
@@ -55,3 +58,18 @@ def test_outcomes_are_identical(controller, expected, monkeypatch):
         )
     if expected == "success":
         assert ours.success.all()
+
+
+def test_the_rule_based_ego_drives_alike_in_both_worlds(monkeypatch):
+    """Behind a gap wide enough to change lanes, so that it does more than follow."""
+    monkeypatch.setattr(drive, "BLOCK", 4)
+    scenario = TrapSettings(ego_driver="rule-based", test_side_distance=-40.0, ego_speed=12.0)
+    for one in (TrapSettings(ego_driver="rule-based"), scenario):
+        course = Course(one, DrivingSettings(), RuleBased(), 50)
+        ours, theirs = drive.test(course, {}, 3, 4), twin.test(course, {}, 3, 4)
+        np.testing.assert_array_equal(ours.success, theirs.success)
+        np.testing.assert_array_equal(ours.accident, theirs.accident)
+        for name in ("accumulated_reward", "average_speed", "travel_distance"):
+            np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), rtol=1e-4)
+    recording = drive.record(course, {}, 3, 0)
+    assert np.ptp(recording.y[:, 0]) > 3.5

@@ -23,7 +23,7 @@ def test_what_was_created_is_opened(run):
     assert (folder.settings, folder.controller, folder.seed) == (Settings(), "hierarchical", 3)
     identity = json.loads((run / "run.json").read_text())
     assert identity["settings_digest"] == folder.digest == config.digest(Settings())
-    assert identity["version"] == 1
+    assert identity["version"] == 2
     assert {"lanewise", "created"} <= identity.keys()
 
 
@@ -93,7 +93,7 @@ def test_a_missing_run_says_what_was_looked_for(tmp_path, operation):
         ("run.json", "[]", "does not describe a run"),
         ("run.json", " " * 200_000, "too large"),
         ("run.json", '{"format": "lanewise-run", "version": 9}', "format version 9"),
-        ("run.json", '{"format": "lanewise-run", "version": 1}', "no controller or seed"),
+        ("run.json", '{"format": "lanewise-run", "version": 2}', "no controller or seed"),
         ("settings.toml", "", "altered after the run was made|other"),
         ("settings.toml", "[scenario]\nlanes = 0\n", "scenario.lanes must be between"),
         ("settings.toml", "[scenario]\nlanes = 4\n", "altered after the run was made"),

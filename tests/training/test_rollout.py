@@ -2,14 +2,17 @@
 
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from lanewise.controllers.controller import Feedback
 from lanewise.controllers.hierarchical import Hierarchical
 from lanewise.controllers.settings import GoalSettings
+from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving import episode
 from lanewise.driving.settings import DrivingSettings
 from lanewise.learning import network
@@ -17,29 +20,22 @@ from lanewise.learning.settings import LearnerSettings
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
 from lanewise.training import rollout
 from lanewise.training.rollout import Course
-from lanewise.training.settings import StageSettings
+from lanewise.training.settings import BudgetSettings, LevelSettings
 
 DRIVING = DrivingSettings()
 EMPTY = TrapSettings(traffic=TrafficSettings(vehicles_ahead=0))
 FASTER = 7
 GAMMA = 0.8
+REACHED = 12.0
 
 
 @dataclass(frozen=True)
-class Every:
-    """A controller whose network chooses at every third decision and always drives one way."""
+class Third:
+    """A level that chooses at every third decision."""
 
-    action: int
-    name: str = "every"
-    learns: str = "q"
+    name: str = "q"
     feature_count: int = 4
     choice_count: int = 5
-
-    def start(self, parameters, percept):
-        return jnp.int32(0)
-
-    def perceive(self, parameters, memory, percept):
-        return memory
 
     def ready(self, memory):
         return memory % 3 == 0
@@ -47,32 +43,55 @@ class Every:
     def features(self, memory, percept):
         return jnp.stack([percept.x, percept.y, percept.speed, jnp.float32(memory)])
 
-    def decide(self, memory, percept, choice):
+    def choose(self, memory, percept, choice):
+        return memory
+
+
+@dataclass(frozen=True)
+class Every:
+    """A controller whose level chooses at every third decision and which always drives one way.
+
+    Its goal is to be as fast as `REACHED`; how far it is from it is its speed / 10.
+    """
+
+    action: int
+    name: str = "every"
+    levels: tuple = (Third(),)
+
+    def start(self, percept):
+        return jnp.int32(0)
+
+    def perceive(self, memory, percept):
+        return memory
+
+    def act(self, memory, percept):
         return jnp.int32(self.action), memory + 1
 
-    def penalty(self, memory, percept):
-        return percept.speed / 10.0
+    def feedback(self, memory, percept):
+        return Feedback(distance=percept.speed / 10.0, reached=percept.speed >= REACHED)
+
+    def goal(self, memory):
+        return None
 
 
-def course_of(action=FASTER, **stage):
-    settings = StageSettings(learner=LearnerSettings(discount=GAMMA), **stage)
-    return Course(EMPTY, DRIVING, Every(action), settings)
+def course_of(action=FASTER, duration=250, **level):
+    how = LevelSettings(learner=LearnerSettings(discount=GAMMA), **level)
+    return Course(EMPTY, DRIVING, Every(action), BudgetSettings(duration=duration), (("q", how),))
 
 
 def parameters_of(course, hidden=(8,)):
-    controller = course.controller
-    return network.init(
-        jax.random.key(1), controller.feature_count, hidden, controller.choice_count
-    )
+    level = course.level("q")
+    return network.init(jax.random.key(1), level.feature_count, hidden, level.choice_count)
 
 
 @partial(jax.jit, static_argnums=(0, 2, 3))
 def drive(course, parameters, decisions, epsilon):
-    """(the first world, then per decision: the world, transition, emitted, finished)."""
+    """(the first world, then per decision: the world, what each level emits, finished)."""
     first = rollout.begin(course, parameters, jax.random.key(5))
+    everywhere = {name: jnp.float32(epsilon) for name, _ in course.learning}
 
     def step(state, key):
-        after, *rest = rollout.step(course, parameters, state, jnp.float32(epsilon), key)
+        after, *rest = rollout.step(course, parameters, state, everywhere, key)
         return after, (after, *rest)
 
     keys = jax.random.split(jax.random.key(6), decisions)
@@ -87,42 +106,73 @@ def features_at(state, count):
     return [float(ego.x[0]), float(ego.y[0]), float(ego.speed[0]), float(count)]
 
 
+def pay(how, outcome, speed):
+    """What a level is paid for a decision, worked out by hand."""
+    reward = how.external_weight * float(outcome.reward)
+    if not outcome.terminated:
+        reward -= how.tracking_weight * speed / 10.0
+        reward += how.goal_reward if speed >= REACHED else 0.0
+    return reward
+
+
+def plain_episode(course, first):
+    """(features before and after every decision, rewards, outcomes) of the first episode."""
+    _, how = course.learning[0]
+    state, seen, rewards, outcomes = first.episode, [], [], []
+    while not outcomes or not (outcomes[-1].terminated or outcomes[-1].truncated):
+        seen.append(features_at(state, len(rewards)))
+        action = jnp.int32(course.controller.action)
+        state, outcome = EPISODE_STEP(state, action, course.budget.duration)
+        rewards.append(pay(how, outcome, float(state.world.vehicles.speed[0])))
+        outcomes.append(outcome)
+    return [*seen, features_at(state, len(rewards))], rewards, outcomes
+
+
 def booked(course, first):
     """The transitions of the first episode, each a dict, and how many decisions it took."""
-    settings, state = course.stage, first.episode
-    found, decision, over = [], 0, False
-    while not over:
-        if decision % 3 == 0:
-            start, rewards = features_at(state, decision), []
-        state, outcome = EPISODE_STEP(state, jnp.int32(course.controller.action), settings.duration)
-        decision += 1
-        reward = float(outcome.reward)
-        if not outcome.terminated:
-            reward -= settings.tracking_weight * float(state.world.vehicles.speed[0]) / 10.0
-        rewards.append(reward)
-        over = bool(outcome.terminated) or bool(outcome.truncated)
-        if decision % 3 == 0 or over:
-            k = len(rewards)
-            per_goal = settings.discount_across_goal == "per-goal"
-            discount = GAMMA if per_goal else GAMMA**k
-            lost = bool(outcome.terminated)
-            lost |= settings.time_out == "terminal" and bool(outcome.truncated)
-            found.append(
-                {
-                    "at": decision - 1,
-                    "features": start,
-                    "reward": sum(r * (1 if per_goal else GAMMA**i) for i, r in enumerate(rewards)),
-                    "discount": 0.0 if lost else discount,
-                    "next_features": features_at(state, decision),
-                }
-            )
-    return found, decision, bool(outcome.terminated)
+    _, how = course.learning[0]
+    seen, rewards, outcomes = plain_episode(course, first)
+    length, found = len(rewards), []
+    for start in range(0, length, 3):
+        end = min(start + 3 * how.returns, length)
+        k = end - start
+        choices = -(-k // 3)
+        per_goal = how.discount_across_goal == "per-goal"
+        weights = [GAMMA ** (i // 3 if per_goal else i) for i in range(k)]
+        last = outcomes[end - 1]
+        lost = bool(last.terminated) or (how.time_out == "terminal" and bool(last.truncated))
+        lost |= how.goal_end == "terminal" and seen[end][2] >= REACHED
+        found.append(
+            {
+                "at": end - 1,
+                "features": seen[start],
+                "reward": float(np.dot(weights, rewards[start:end])),
+                "discount": 0.0 if lost else GAMMA ** (choices if per_goal else k),
+                "next_features": seen[end],
+            }
+        )
+    return found, length, bool(outcomes[-1].terminated)
+
+
+def written(emitted):
+    """The complete transitions of a level in the order of their choices: (decision, transition)."""
+    rows = [(int(at), int(choices_back)) for at, choices_back in np.argwhere(emitted.complete)]
+    # Of those that are complete at once, the oldest chose first.
+    rows.sort(key=lambda row: (row[0], -row[1]))
+    return [
+        (at, jax.tree.map(lambda leaf, at=at, back=back: np.asarray(leaf)[at, back], part))
+        for (at, back), part in ((row, emitted.transitions) for row in rows)
+    ]
 
 
 VARIANTS = [
     {"duration": 40, "discount_across_goal": "per-decision", "tracking_weight": 0.5},
     {"duration": 7, "tracking_weight": 0.5},
     {"duration": 7, "time_out": "terminal"},
+    {"duration": 40, "returns": 3},
+    {"duration": 8, "returns": 2, "discount_across_goal": "per-decision"},
+    {"duration": 8, "returns": 5, "time_out": "terminal"},
+    {"duration": 8, "external_weight": 0.0, "goal_reward": 2.0, "goal_end": "terminal"},
 ]
 
 
@@ -130,31 +180,40 @@ VARIANTS = [
 def test_transitions_are_those_of_the_plain_books(variant):
     course = course_of(**variant)
     parameters = {"q": parameters_of(course)}
-    first, (worlds, transitions, emitted, finished) = drive(course, parameters, 16, 0.0)
+    first, (worlds, emitted, finished) = drive(course, parameters, 16, 0.0)
     expected, length, terminated = booked(course, first)
     assert terminated == (variant["duration"] == 40)
     assert length < 16
     done = np.flatnonzero(finished.done)
     assert done[0] == length - 1
-    assert np.flatnonzero(emitted)[: len(expected)].tolist() == [e["at"] for e in expected]
-    for wanted in expected:
-        at = wanted.pop("at")
+    found = [row for row in written(emitted["q"]) if row[0] < length]
+    assert [at for at, _ in found] == [wanted.pop("at") for wanted in expected]
+    for (at, transition), wanted in zip(found, expected, strict=True):
         for name, value in wanted.items():
-            got = np.asarray(getattr(transitions, name))[at]
+            got = getattr(transition, name)
             np.testing.assert_allclose(got, value, rtol=1e-4, atol=1e-4, err_msg=f"{name} at {at}")
-        values = network.q_values(parameters["q"], transitions.features[at])
-        assert int(transitions.action[at]) == int(np.argmax(values))
+        values = network.q_values(parameters["q"], transition.features)
+        assert int(transition.action) == int(np.argmax(values))
     # The episode that follows is a fresh one, and the last transition saw nothing of it.
     fresh = jax.tree.map(lambda leaf: leaf[length - 1], worlds)
     assert int(fresh.episode.decisions) == 0
     assert float(fresh.percept.x) == 0.0
-    assert float(transitions.next_features[length - 1][0]) > 10.0
+    assert float(found[-1][1].next_features[0]) > 10.0
     assert float(fresh.tally.reward) == 0.0
+    assert int(fresh.pending["q"].count) == 0
+
+
+def test_some_goals_are_reached_and_some_are_not():
+    """So that the variant paid for goals tells something."""
+    course = course_of(**VARIANTS[-1])
+    first, _ = drive(course, {"q": parameters_of(course)}, 16, 0.0)
+    rewards = plain_episode(course, first)[1]
+    assert {0.0, 2.0} <= set(rewards)
 
 
 def test_finished_episodes_carry_the_sums_of_the_plain_drive():
     course = course_of(**VARIANTS[1])
-    first, (_, _, _, finished) = drive(course, {"q": parameters_of(course)}, 16, 0.0)
+    first, (_, _, finished) = drive(course, {"q": parameters_of(course)}, 16, 0.0)
     state, rewards, speeds = first.episode, [], []
     for _ in range(7):
         state, outcome = EPISODE_STEP(state, jnp.int32(FASTER), 7)
@@ -173,37 +232,123 @@ def test_finished_episodes_carry_the_sums_of_the_plain_drive():
     assert float(finished.average_speed[at]) == pytest.approx(np.mean(speeds), rel=1e-5)
 
 
-def test_a_new_goal_is_in_the_next_features_of_the_decision_before_it():
+TWO_LEVELS = {
+    "high_level": network.init(jax.random.key(3), 26, (8,), 9),
+    "low_level": network.init(jax.random.key(4), 28, (8,), 9),
+}
+
+
+def two_level_drive(*learning):
+    """Sixty decisions of the hierarchical controller while the given levels learn."""
     goals = GoalSettings(time_limit=2.0)
-    settings = StageSettings(duration=250, learner=LearnerSettings())
-    course = Course(EMPTY, DRIVING, Hierarchical(DRIVING, goals, "critic"), settings)
-    parameters = {
-        "high_level": network.init(jax.random.key(3), 26, (8,), 9),
-        "low_level": network.init(jax.random.key(4), 28, (8,), 9),
-    }
-    first, (worlds, transitions, emitted, finished) = drive(course, parameters, 60, 0.3)
-    assert emitted.all()
-    before = np.append(float(first.memory.goal.speed), worlds.memory.goal.speed[:-1])
-    lane_before = np.append(int(first.memory.goal.lane), worlds.memory.goal.lane[:-1])
-    lane, speed = np.asarray(worlds.memory.goal.lane), np.asarray(worlds.memory.goal.speed)
-    going_on = ~np.asarray(finished.done)
-    switched = ((speed != before) | (lane != lane_before)) & going_on
-    assert switched.sum() >= 2
+    course = Course(
+        EMPTY, DRIVING, Hierarchical(DRIVING, goals, "critic"), BudgetSettings(), learning
+    )
+    first, rest = drive(course, TWO_LEVELS, 60, 0.3)
+    return course, first, *rest
+
+
+def before(worlds, first, name):
+    """A goal's field before each decision."""
+    read = lambda memory: np.asarray(getattr(memory.goal.goal, name))  # noqa: E731
+    return np.append(read(first.memory), read(worlds.memory)[:-1])
+
+
+def goal_features(worlds, lane, speed):
+    """The two goal features after each decision, worked out by hand."""
     ego = worlds.episode.world.vehicles
     lateral = 4.0 * lane - np.asarray(ego.y)[:, 0]
     along = np.asarray(ego.speed)[:, 0] * np.cos(np.asarray(ego.heading)[:, 0])
-    seen = np.clip(np.stack([lateral / 4.0, (speed - along) / 2.0], axis=-1), -2.0, 2.0)
+    return np.clip(np.stack([lateral / 4.0, (speed - along) / 2.0], axis=-1), -2.0, 2.0)
+
+
+def test_a_new_goal_is_in_the_next_features_of_the_decision_before_it():
+    _, first, worlds, emitted, finished = two_level_drive(("low_level", LevelSettings()))
+    low = emitted["low_level"]
+    assert low.complete.all()
+    lane, speed = (np.asarray(getattr(worlds.memory.goal.goal, name)) for name in ("lane", "speed"))
+    going_on = ~np.asarray(finished.done)
+    lane_before, speed_before = (before(worlds, first, name) for name in ("lane", "speed"))
+    switched = ((speed != speed_before) | (lane != lane_before)) & going_on
+    assert switched.sum() >= 2
     np.testing.assert_allclose(
-        np.asarray(transitions.next_features)[going_on, 26:], seen[going_on], atol=1e-5
+        np.asarray(low.transitions.next_features)[going_on, 0, 26:],
+        goal_features(worlds, lane, speed)[going_on],
+        atol=1e-5,
     )
+
+
+def test_when_both_levels_learn_the_low_level_is_judged_by_the_goal_it_acted_for():
+    """h-DQN: the goal of a transition is the same before and after the decision."""
+    how = (("high_level", LevelSettings()), ("low_level", LevelSettings()))
+    _, _, worlds, emitted, finished = two_level_drive(*how)
+    low, high = emitted["low_level"], emitted["high_level"]
+    assert low.complete.all()
+    going_on = ~np.asarray(finished.done)
+    # The world after a decision still remembers the goal of it: the next is set at the next one.
+    lane, speed = (np.asarray(getattr(worlds.memory.goal.goal, name)) for name in ("lane", "speed"))
+    np.testing.assert_allclose(
+        np.asarray(low.transitions.next_features)[going_on, 0, 26:],
+        goal_features(worlds, lane, speed)[going_on],
+        atol=1e-5,
+    )
+    due = np.asarray(worlds.memory.goal.due) & going_on
+    np.testing.assert_array_equal(np.asarray(high.complete)[:, 0], due | np.asarray(finished.done))
+    assert 5 <= due.sum() < 50
+    # What the high level saw when a goal was due is where its last transition led to.
+    at = np.flatnonzero(high.complete[:, 0])
+    within = [(a, b) for a, b in pairwise(at) if not finished.done[a]]
+    for a, b in within:
+        np.testing.assert_array_equal(
+            np.asarray(high.transitions.features)[b, 0],
+            np.asarray(high.transitions.next_features)[a, 0],
+        )
+
+
+def test_the_two_levels_explore_by_themselves():
+    """At epsilon 1 the choices of neither level can be told from those of the other."""
+    how = (("high_level", LevelSettings()), ("low_level", LevelSettings()))
+    course = Course(
+        EMPTY,
+        DRIVING,
+        Hierarchical(DRIVING, GoalSettings(time_limit=0.5), "decision"),
+        BudgetSettings(),
+        how,
+    )
+    _, (_, emitted, _) = drive(course, TWO_LEVELS, 400, 1.0)
+    high, low = (np.asarray(emitted[name].transitions.action)[:, 0] for name, _ in how)
+    counts = np.histogram2d(high, low, bins=9)[0]
+    # Chi-square of independence with 64 degrees of freedom: mean 64, standard deviation 11.3.
+    expected = np.outer(counts.sum(1), counts.sum(0)) / counts.sum()
+    assert ((counts - expected) ** 2 / expected).sum() < 64 + 5 * 11.3
+
+
+def test_a_held_choice_is_one_transition():
+    how = LevelSettings(discount_across_goal="per-decision")
+    course = Course(EMPTY, DRIVING, SingleLevel(hold=4), BudgetSettings(), (("single_level", how),))
+    parameters = {"single_level": network.init(jax.random.key(2), 26, (8,), 9)}
+    _, (worlds, emitted, finished) = drive(course, parameters, 40, 0.5)
+    flat = emitted["single_level"]
+    decisions = np.asarray(worlds.episode.decisions)
+    complete = np.asarray(flat.complete)[:, 0]
+    np.testing.assert_array_equal(complete, (decisions % 4 == 0) | np.asarray(finished.done))
+    whole = complete & ~np.asarray(finished.done)
+    np.testing.assert_allclose(np.asarray(flat.transitions.discount)[whole, 0], 0.8**4, rtol=1e-6)
+    actions = np.asarray(worlds.memory.action)
+    held = [
+        len(set(actions[i : i + 4])) for i in range(0, 36, 4) if not finished.done[i : i + 4].any()
+    ]
+    assert set(held) == {1}
+    assert len(set(actions)) > 2
 
 
 def test_the_next_decision_starts_from_the_features_the_last_one_led_to():
     course = course_of(**VARIANTS[1])
-    _, (_, transitions, emitted, finished) = drive(course, {"q": parameters_of(course)}, 16, 0.0)
-    at = np.flatnonzero(emitted)
+    _, (_, emitted, finished) = drive(course, {"q": parameters_of(course)}, 16, 0.0)
+    at = np.flatnonzero(emitted["q"].complete[:, 0])
     at = at[at <= np.argmax(finished.done)]
     assert len(at) == 3
+    part = emitted["q"].transitions
     np.testing.assert_array_equal(
-        np.asarray(transitions.features)[at[1:]], np.asarray(transitions.next_features)[at[:-1]]
+        np.asarray(part.features)[at[1:]], np.asarray(part.next_features)[at[:-1]]
     )

@@ -6,6 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from lanewise.controllers.hierarchical import Hierarchical
+from lanewise.controllers.settings import GoalSettings
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.settings import DrivingSettings
 from lanewise.learning.settings import ExplorationSettings, LearnerSettings
@@ -26,6 +28,7 @@ COURSE = Course(
     DrivingSettings(),
     SingleLevel(),
     SETTINGS,
+    (("single_level", SETTINGS),),
 )
 
 
@@ -61,7 +64,7 @@ def test_the_running_total_of_updates_follows_the_rate(rate, worlds):
     learner = replace(SETTINGS.learner, warm_up=1)
     settings = replace(SETTINGS, worlds=worlds, updates_per_step=rate, learner=learner)
     iterations = np.arange(1, 3001)
-    due = np.asarray(stage.updates_due(settings, jnp.asarray(iterations)))
+    due = np.asarray(stage.updates_due(settings, worlds, jnp.asarray(iterations)))
     skipped = 0 if worlds > 1 else 1
     exact = Fraction(rate) * worlds
     totals = [int(exact * int(i)) - int(exact * skipped) for i in iterations]
@@ -71,7 +74,7 @@ def test_the_running_total_of_updates_follows_the_rate(rate, worlds):
 
 def test_no_update_is_due_during_the_warm_up():
     settings = replace(SETTINGS, worlds=4, updates_per_step=1.0)
-    due = np.asarray(stage.updates_due(settings, jnp.arange(1, 30)))
+    due = np.asarray(stage.updates_due(settings, 4, jnp.arange(1, 30)))
     # 12 iterations of 4 worlds are 48 transitions of the 50 wanted.
     assert due.tolist() == [0] * 12 + [4] * 17
 
@@ -79,11 +82,12 @@ def test_no_update_is_due_during_the_warm_up():
 def test_counts_after_two_chunks():
     state, metrics = run(0)
     assert int(state.iteration) == 100
-    assert int(metrics[-1].transitions) == 400
+    levels = [one.levels["single_level"] for one in metrics]
+    assert int(levels[-1].transitions) == 400
     # 0.4 updates an iteration, from the 13th iteration on.
-    assert abs(int(metrics[-1].updates) - 0.4 * 88) <= 1
-    assert [float(one.epsilon) for one in metrics] == pytest.approx([0.26, 0.02])
-    assert all(np.isfinite([float(one.loss), float(one.mean_q)]).all() for one in metrics)
+    assert abs(int(levels[-1].updates) - 0.4 * 88) <= 1
+    assert [float(one.epsilon) for one in levels] == pytest.approx([0.26, 0.02])
+    assert all(np.isfinite([float(one.loss), float(one.mean_q)]).all() for one in levels)
     done = np.asarray(metrics[0].finished.done)
     assert done.shape == (stage.CHUNK, 4)
     assert (np.asarray(metrics[0].finished.decisions)[done] <= 20).all()
@@ -98,9 +102,11 @@ def test_seeds_differ_in_starts_weights_and_exploration():
     begun = [stage.begin(COURSE, {}, jax.random.key(seed)) for seed in (0, 1)]
     distances = [np.asarray(state.rollouts.episode.world.vehicles.x[:, 1]) for state in begun]
     assert len(np.unique(np.concatenate(distances))) == 8
-    weights = [np.asarray(jax.tree.leaves(state.learner.online)[-1]) for state in begun]
+    weights = [
+        np.asarray(jax.tree.leaves(state.learners["single_level"].online)[-1]) for state in begun
+    ]
     assert not np.array_equal(*weights)
-    chosen = [np.asarray(run(seed, 1)[0].replay.rows[:, 26]) for seed in (0, 1)]
+    chosen = [np.asarray(run(seed, 1)[0].replays["single_level"].rows[:, 26]) for seed in (0, 1)]
     assert not np.array_equal(*chosen)
 
 
@@ -113,15 +119,15 @@ def test_worlds_of_a_stage_differ_from_one_another():
 def test_epsilon_counts_all_worlds_or_each():
     counted = replace(SETTINGS.exploration, counted="per-world")
     per_world = replace(SETTINGS, exploration=counted)
-    assert float(stage.epsilon(SETTINGS, jnp.int32(50))) == pytest.approx(0.5 - 0.48 / 2)
-    assert float(stage.epsilon(per_world, jnp.int32(50))) == pytest.approx(0.5 - 0.48 / 8)
+    assert float(stage.epsilon(SETTINGS, 4, jnp.int32(50))) == pytest.approx(0.5 - 0.48 / 2)
+    assert float(stage.epsilon(per_world, 4, jnp.int32(50))) == pytest.approx(0.5 - 0.48 / 8)
 
 
 def test_a_chunk_consumes_the_state_it_is_given():
     state = stage.begin(COURSE, {}, jax.random.key(0))
     after, _ = stage.advance(COURSE, {}, state)
-    assert state.replay.rows.is_deleted()
-    assert not after.replay.rows.is_deleted()
+    assert state.replays["single_level"].rows.is_deleted()
+    assert not after.replays["single_level"].rows.is_deleted()
 
 
 def test_a_chunk_moves_nothing_between_host_and_device():
@@ -131,3 +137,57 @@ def test_a_chunk_moves_nothing_between_host_and_device():
     # The guard does see transfers: a number of the host's is refused.
     with pytest.raises(Exception, match=r"[Dd]isallowed"), jax.transfer_guard("disallow"):
         stage.advance(COURSE, {}, replace(state, iteration=np.int32(7)))
+
+
+def h_dqn_course(**low_level):
+    how = (
+        ("high_level", SETTINGS),
+        ("low_level", replace(SETTINGS, updates_per_step=0.5, **low_level)),
+    )
+    controller = Hierarchical(DrivingSettings(), GoalSettings(), "critic", "h-dqn")
+    return Course(COURSE.scenario, DrivingSettings(), controller, SETTINGS, how)
+
+
+def two_chunks(course):
+    state = stage.begin(course, {}, jax.random.key(1))
+    for _ in range(2):
+        state, metrics = stage.advance(course, {}, state)
+    return state, metrics
+
+
+def test_both_levels_learn_together_each_by_its_own_rules():
+    state, metrics = two_chunks(h_dqn_course(exploration=ExplorationSettings(start=1.0, steps=800)))
+    high, low = metrics.levels["high_level"], metrics.levels["low_level"]
+    assert abs(int(high.updates) - 0.4 * 88) <= 1
+    assert int(low.updates) == 2 * 88
+    assert float(high.epsilon) == pytest.approx(0.02)
+    assert float(low.epsilon) == pytest.approx(0.51)
+    assert int(low.transitions) == 400
+    assert 400 / 6 - 4 <= int(high.transitions) < 400
+    for name, width in (("high_level", 26), ("low_level", 28)):
+        rows = np.asarray(state.replays[name].rows)
+        filled = int(state.replays[name].filled)
+        assert rows.shape == (150, 2 * width + 3)
+        assert (np.abs(rows[:filled]).sum(1) > 0).all()
+
+
+def test_what_pays_the_low_level_does_not_reach_the_high_level_of_a_first_chunk():
+    """Before the first update nothing of a level can depend on how the other is paid."""
+    states = [
+        stage.advance(course, {}, stage.begin(course, {}, jax.random.key(1)))[0]
+        for course in (
+            h_dqn_course(learner=replace(SETTINGS.learner, warm_up=10_000, replay_capacity=10_000)),
+            h_dqn_course(
+                external_weight=0.0,
+                goal_reward=1.0,
+                learner=replace(SETTINGS.learner, warm_up=10_000, replay_capacity=10_000),
+            ),
+        )
+    ]
+    high = [np.asarray(state.replays["high_level"].rows) for state in states]
+    low = [np.asarray(state.replays["low_level"].rows) for state in states]
+    # The high level does learn meanwhile; what it chose and was paid is the same in both.
+    np.testing.assert_array_equal(*high)
+    assert not np.array_equal(*low)
+    rewards = low[1][:200, 29]
+    assert set(np.unique(rewards)) == {0.0, 1.0}

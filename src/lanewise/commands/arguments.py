@@ -85,12 +85,17 @@ def parse(command: type[C], words: Sequence[str]) -> Parsed[C]:
     if any(item.name == "values" for item in dataclasses.fields(command)):  # type: ignore[arg-type]
         flags = {name: value for name, value in found.items() if "." in name}
         values["values"] = config.compose(
-            preset=values.get("preset", "quick"),
+            preset=_training_preset(values.get("preset", "quick")),
             trap=values.get("trap", "trap-10"),
             file=values.get("settings"),
             flags=flags,
         )
     return Parsed(command(**values), frozenset(found))
+
+
+def _training_preset(preset: str) -> str:
+    """The preset itself, or the default's name where it is an experiment's, which has its own."""
+    return preset if preset in config.PRESETS else "quick"
 
 
 def _collect(command: type, words: Sequence[str]) -> dict[str, Any]:

@@ -43,8 +43,8 @@ def run(parsed: Parsed[Evaluate]) -> int:
     folder = RunFolder.open(command.run)
     if command.renewal is not None and folder.controller != "hierarchical":
         raise RunError(f"--renewal: {command.run} is {folder.controller} and has no goals")
-    from lanewise.commands import testing
     from lanewise.evaluation import metrics
+    from lanewise.experiments import testing
     from lanewise.report import files, table
     from lanewise.runs import trained
 

@@ -3,13 +3,10 @@
 A field's help is the docstring below it, followed by its range.
 """
 
-import ast
 import dataclasses
 import inspect
-import textwrap
 from collections.abc import Mapping
 from functools import cache
-from itertools import pairwise
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import tyro
@@ -20,6 +17,7 @@ from tyro.constructors import (
     StructTypeInfo,
 )
 
+from lanewise.commands import docstrings
 from lanewise.commands.arguments import without_none
 from lanewise.ranges import Between, OneOf
 
@@ -67,7 +65,7 @@ def _describe(info: StructTypeInfo) -> StructConstructorSpec | None:
     if not dataclasses.is_dataclass(info.type) or not info.type.__module__.startswith("lanewise."):
         return None
     default = info.default if isinstance(info.default, info.type) else None
-    docs, hints = _docstrings(info.type), get_type_hints(info.type, include_extras=True)
+    docs, hints = docstrings.of_fields(info.type), get_type_hints(info.type, include_extras=True)
     fields = tuple(
         StructFieldSpec(
             name=item.name,
@@ -117,19 +115,4 @@ def _bound(annotation: Any) -> Between | OneOf | None:
 
 def _help(doc: str, annotation: Any) -> str:
     bound = _bound(annotation)
-    text = " ".join(doc.split())
-    return f"{text} [{bound}]" if isinstance(bound, Between) else text
-
-
-@cache
-def _docstrings(owner: type) -> dict[str, str]:
-    """The docstring below each field of a dataclass."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(owner)))
-    body = tree.body[0].body if isinstance(tree.body[0], ast.ClassDef) else []
-    docs: dict[str, str] = {}
-    for field, doc in pairwise(body):
-        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
-            match doc:
-                case ast.Expr(value=ast.Constant(value=str(text))):
-                    docs[field.target.id] = text
-    return docs
+    return f"{doc} [{bound}]" if isinstance(bound, Between) else doc

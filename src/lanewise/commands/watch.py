@@ -37,7 +37,7 @@ def run(parsed: Parsed[Watch]) -> int:
     if command.out.suffix.lower() not in FORMATS:
         raise SettingsError(f"--out must end in .gif or .mp4, got {command.out}")
     RunFolder.open(command.run)
-    from lanewise.commands import testing
+    from lanewise.experiments import testing
     from lanewise.report import extras
     from lanewise.runs import trained
 

@@ -1,61 +1,52 @@
-"""The hierarchical controller: the frozen high level sets goals, the low level drives to them."""
+"""The hierarchical controller: the high level sets goals, the low level drives to them.
+
+Also h-DQN's: the two differ in training alone (see `lanewise.training.recipe`).
+"""
 
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 from jax import Array
 
-from lanewise.controllers import goal_critic, goals
-from lanewise.controllers.controller import Parameters
+from lanewise.controllers import levels
+from lanewise.controllers.controller import Feedback
 from lanewise.controllers.goal_critic import GoalMemory
+from lanewise.controllers.levels import HighLevel, LowLevel, TwoLevelMemory
 from lanewise.controllers.settings import GoalSettings
-from lanewise.driving import actions, observation
 from lanewise.driving.percept import Percept
 from lanewise.driving.settings import DrivingSettings
-from lanewise.learning import network
-
-FEATURES = observation.SIZE + goals.FEATURES
-"""Inputs of the low-level network."""
 
 
 @dataclass(frozen=True)
 class Hierarchical:
-    """The low-level network learns; it sees the 26 features and the two of the goal."""
+    """Two networks, one above the other."""
 
     driving: DrivingSettings
     goals: GoalSettings
     renewal: str
     """When goals are renewed, see `GoalSettings`."""
     name: str = "hierarchical"
-    learns: str = "low_level"
-    feature_count: int = FEATURES
-    choice_count: int = actions.COUNT
 
-    def start(self, parameters: Parameters, percept: Percept) -> GoalMemory:
+    @property
+    def levels(self) -> tuple[HighLevel, LowLevel]:
+        """First the goal, then the action."""
+        return (HighLevel(self.goals), LowLevel())
+
+    def start(self, percept: Percept) -> TwoLevelMemory:
         """No goal yet."""
-        return goal_critic.start(self.goals, percept)
+        return levels.start(self.goals, percept)
 
-    def perceive(self, parameters: Parameters, memory: GoalMemory, percept: Percept) -> GoalMemory:
-        """The goal critic looks at the goal; where one is due, the high level sets it, greedily."""
-        frequency = self.driving.decision_frequency
-        memory = goal_critic.review(self.goals, frequency, self.renewal, memory, percept)
-        values = network.q_values(parameters["high_level"], percept.features)
-        return goal_critic.renew(self.goals, memory, percept, jnp.argmax(values))
+    def perceive(self, memory: TwoLevelMemory, percept: Percept) -> TwoLevelMemory:
+        """The goal critic looks at the goal."""
+        return levels.review(self.goals, self.driving, self.renewal, memory, percept)
 
-    def ready(self, memory: GoalMemory) -> Array:
-        """The network chooses at every decision."""
-        return jnp.asarray(True)
+    def act(self, memory: TwoLevelMemory, percept: Percept) -> tuple[Array, TwoLevelMemory]:
+        """The low level's action."""
+        return memory.action, levels.grown(memory)
 
-    def features(self, memory: GoalMemory, percept: Percept) -> Array:
-        """The observation and the goal features, [28]."""
-        return jnp.concatenate([percept.features, goals.features(memory.goal, percept)])
+    def feedback(self, memory: TwoLevelMemory, percept: Percept) -> Feedback:
+        """Of the goal."""
+        return levels.feedback(self.goals, memory, percept)
 
-    def decide(
-        self, memory: GoalMemory, percept: Percept, choice: Array
-    ) -> tuple[Array, GoalMemory]:
-        """The choice is the low-level action."""
-        return choice, goal_critic.grown(memory)
-
-    def penalty(self, memory: GoalMemory, percept: Percept) -> Array:
-        """Distance from the goal (row 21 of the reading)."""
-        return goals.tracking(memory.goal, percept)
+    def goal(self, memory: TwoLevelMemory) -> GoalMemory:
+        """The goal under way."""
+        return memory.goal

@@ -4,18 +4,18 @@ from dataclasses import dataclass
 
 from jax import Array
 
-from lanewise.controllers import goal_critic, goals, planner
-from lanewise.controllers.controller import Parameters
+from lanewise.controllers import levels, planner
+from lanewise.controllers.controller import Feedback
 from lanewise.controllers.goal_critic import GoalMemory
+from lanewise.controllers.levels import HighLevel, TwoLevelMemory
 from lanewise.controllers.settings import GoalSettings, PlannerSettings
-from lanewise.driving import observation
 from lanewise.driving.percept import Percept
 from lanewise.driving.settings import DrivingSettings
 
 
 @dataclass(frozen=True)
 class Planned:
-    """The high-level network learns; it chooses when the goal critic says that a goal is due."""
+    """One network, the high level; the planner acts on its goals."""
 
     driving: DrivingSettings
     goals: GoalSettings
@@ -23,39 +23,29 @@ class Planned:
     renewal: str
     """When goals are renewed, see `GoalSettings`."""
     name: str = "planned"
-    learns: str = "high_level"
-    feature_count: int = observation.SIZE
 
     @property
-    def choice_count(self) -> int:
-        """High-level actions."""
-        return goals.action_count(self.goals)
+    def levels(self) -> tuple[HighLevel]:
+        """The high level alone."""
+        return (HighLevel(self.goals),)
 
-    def start(self, parameters: Parameters, percept: Percept) -> GoalMemory:
+    def start(self, percept: Percept) -> TwoLevelMemory:
         """No goal yet."""
-        return goal_critic.start(self.goals, percept)
+        return levels.start(self.goals, percept)
 
-    def perceive(self, parameters: Parameters, memory: GoalMemory, percept: Percept) -> GoalMemory:
+    def perceive(self, memory: TwoLevelMemory, percept: Percept) -> TwoLevelMemory:
         """The goal critic looks at the goal."""
-        frequency = self.driving.decision_frequency
-        return goal_critic.review(self.goals, frequency, self.renewal, memory, percept)
+        return levels.review(self.goals, self.driving, self.renewal, memory, percept)
 
-    def ready(self, memory: GoalMemory) -> Array:
-        """The network chooses when a goal is due."""
-        return memory.due
+    def act(self, memory: TwoLevelMemory, percept: Percept) -> tuple[Array, TwoLevelMemory]:
+        """The planner's action."""
+        action = planner.act(self.planner, self.driving, memory.goal.goal, percept)
+        return action, levels.grown(memory)
 
-    def features(self, memory: GoalMemory, percept: Percept) -> Array:
-        """The observation, [26]."""
-        return percept.features
+    def feedback(self, memory: TwoLevelMemory, percept: Percept) -> Feedback:
+        """Of the goal."""
+        return levels.feedback(self.goals, memory, percept)
 
-    def decide(
-        self, memory: GoalMemory, percept: Percept, choice: Array
-    ) -> tuple[Array, GoalMemory]:
-        """Set the goal where one is due; the planner acts on it."""
-        memory = goal_critic.renew(self.goals, memory, percept, choice)
-        action = planner.act(self.planner, self.driving, memory.goal, percept)
-        return action, goal_critic.grown(memory)
-
-    def penalty(self, memory: GoalMemory, percept: Percept) -> Array:
-        """Distance from the goal (row 21 of the reading)."""
-        return goals.tracking(memory.goal, percept)
+    def goal(self, memory: TwoLevelMemory) -> GoalMemory:
+        """The goal under way."""
+        return memory.goal

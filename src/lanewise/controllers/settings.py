@@ -8,6 +8,10 @@ from lanewise.ranges import Between, OneOf
 RENEWALS = ("critic", "timestep", "decision")
 
 
+REFERENCES = ("rule-based", "search")
+"""Drivers that need no training, to compare with."""
+
+
 @dataclass(frozen=True)
 class GoalSettings:
     """What the high level may ask for, and when it may ask anew."""

@@ -1,44 +1,72 @@
 """The single-level controller: one network from the 26 features to the nine actions."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
-from lanewise.controllers.controller import Parameters
+from lanewise.controllers.controller import Feedback
 from lanewise.driving import actions, observation
 from lanewise.driving.percept import Percept
 
 
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class SingleLevel:
-    """The flat twin of the hierarchical controller; it remembers nothing."""
+class HeldAction:
+    """What the single-level controller remembers."""
 
-    name: str = "single-level"
-    learns: str = "single_level"
+    action: Array
+    """int32 [] the action being held."""
+    age: Array
+    """int32 [] decisions for which it has been held; 0 when a new one is due."""
+
+
+@dataclass(frozen=True)
+class FlatLevel:
+    """The one level, which chooses among the nine actions."""
+
+    name: str = "single_level"
     feature_count: int = observation.SIZE
     choice_count: int = actions.COUNT
 
-    def start(self, parameters: Parameters, percept: Percept) -> tuple[()]:
-        """Nothing to remember."""
-        return ()
+    def ready(self, memory: HeldAction) -> Array:
+        """When the held action is over."""
+        return memory.age == 0
 
-    def perceive(self, parameters: Parameters, memory: tuple[()], percept: Percept) -> tuple[()]:
-        """Nothing to take in."""
-        return memory
-
-    def ready(self, memory: tuple[()]) -> Array:
-        """The network chooses at every decision."""
-        return jnp.asarray(True)
-
-    def features(self, memory: tuple[()], percept: Percept) -> Array:
+    def features(self, memory: HeldAction, percept: Percept) -> Array:
         """The observation, [26]."""
         return percept.features
 
-    def decide(self, memory: tuple[()], percept: Percept, choice: Array) -> tuple[Array, tuple[()]]:
-        """The choice is the low-level action."""
-        return choice, memory
+    def choose(self, memory: HeldAction, percept: Percept, choice: Array) -> HeldAction:
+        """The choice is the low-level action, from now on."""
+        return replace(memory, action=jnp.where(memory.age == 0, choice, memory.action))
 
-    def penalty(self, memory: tuple[()], percept: Percept) -> Array:
+
+@dataclass(frozen=True)
+class SingleLevel:
+    """The flat twin of the hierarchical controller."""
+
+    hold: int = 1
+    """Decisions for which a choice is held."""
+    name: str = "single-level"
+    levels: tuple[FlatLevel] = (FlatLevel(),)
+
+    def start(self, percept: Percept) -> HeldAction:
+        """A choice is due."""
+        return HeldAction(action=jnp.int32(0), age=jnp.int32(0))
+
+    def perceive(self, memory: HeldAction, percept: Percept) -> HeldAction:
+        """Nothing to take in."""
+        return memory
+
+    def act(self, memory: HeldAction, percept: Percept) -> tuple[Array, HeldAction]:
+        """The held action."""
+        return memory.action, replace(memory, age=(memory.age + 1) % self.hold)
+
+    def feedback(self, memory: HeldAction, percept: Percept) -> Feedback:
         """No goal, no distance from it."""
-        return jnp.zeros_like(percept.speed)
+        return Feedback(distance=jnp.zeros_like(percept.speed), reached=jnp.asarray(False))
+
+    def goal(self, memory: HeldAction) -> None:
+        """It has none."""

@@ -10,7 +10,8 @@ from lanewise.driving import accidents, actions, observation, reward
 from lanewise.driving.settings import DrivingSettings
 from lanewise.scenario import trap
 from lanewise.world import bicycle, tick
-from lanewise.world.state import World
+from lanewise.world.state import RULE_BASED, World
+from lanewise.world.steering import of_slip
 
 
 @jax.tree_util.register_dataclass
@@ -92,6 +93,9 @@ def judge(
         The episode after the decision, and its outcome.
     """
     _, steering = actions.commands(settings.actions, action, world.vehicles.x.dtype)
+    # A rule-based ego heeds no action; what it steered last is in the world.
+    by_rules = world.drivers.kind[0] == RULE_BASED
+    steering = jnp.where(by_rules, of_slip(world.vehicles.slip_sine[0]), steering)
     decisions = before.decisions + 1
     accident = accidents.of_ego(world, settings.stopped_speed)
     terminated = accident != accidents.NONE

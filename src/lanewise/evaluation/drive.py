@@ -121,12 +121,15 @@ def nothing_yet() -> Sums:
 
 
 def gather(
-    driving: DrivingSettings, sums: Sums, state: Episode, outcome: Outcome, memory: Any
+    driving: DrivingSettings,
+    sums: Sums,
+    state: Episode,
+    outcome: Outcome,
+    goal: GoalMemory | None,
 ) -> Sums:
     """Sums after one more decision; unchanged if the episode was over before it."""
     counts = episode.ends_timestep(driving, state, outcome)
     first_escape = state.escaped & (sums.escape == 0)
-    with_goals = isinstance(memory, GoalMemory)
     after = Sums(
         over=outcome.terminated | outcome.truncated,
         accident=outcome.accident,
@@ -135,8 +138,8 @@ def gather(
         distance=state.world.vehicles.x[0],
         decisions=state.decisions,
         escape=jnp.where(first_escape, state.decisions, sums.escape),
-        goals=memory.ended if with_goals else sums.goals,
-        timed_out=memory.timed_out if with_goals else sums.timed_out,
+        goals=sums.goals if goal is None else goal.ended,
+        timed_out=sums.timed_out if goal is None else goal.timed_out,
     )
     kept: Sums = jax.tree.map(lambda old, new: jnp.where(sums.over, old, new), sums, after)
     return kept
@@ -164,11 +167,12 @@ def _drive_one(course: TestCourse, parameters: Parameters, world: World) -> Sums
     def decide(_: Array, carry: tuple[Episode, Any, Sums]) -> tuple[Episode, Any, Sums]:
         state, memory, sums = carry
         state, memory, outcome, _trace = decision(course, parameters, state, memory)
-        return state, memory, gather(course.driving, sums, state, outcome, memory)
+        goal = course.controller.goal(memory)
+        return state, memory, gather(course.driving, sums, state, outcome, goal)
 
     state = episode.begin(world)
     seen = percept.of(course.driving.observation, world)
-    memory = course.controller.start(parameters, seen)
+    memory = course.controller.start(seen)
     carry = (state, memory, nothing_yet())
     sums: Sums = jax.lax.fori_loop(0, course.duration, decide, carry)[2]
     return sums
@@ -176,7 +180,7 @@ def _drive_one(course: TestCourse, parameters: Parameters, world: World) -> Sums
 
 def decision(
     course: TestCourse, parameters: Parameters, state: Episode, memory: Any
-) -> tuple[Episode, Any, Outcome, controllers.Trace]:
+) -> tuple[Episode, Any, Outcome, dict[str, controllers.Trace]]:
     """One greedy decision."""
     seen = percept.of(course.driving.observation, state.world)
     action, memory, trace = controllers.act(course.controller, parameters, memory, seen)
@@ -191,11 +195,11 @@ def _record(course: TestCourse, parameters: Parameters, world: World) -> Any:
     def decide(carry: tuple[Episode, Any, Sums], _: None) -> tuple[Any, Any]:
         state, memory, sums = carry
         state, memory, outcome, _trace = decision(course, parameters, state, memory)
-        sums = gather(course.driving, sums, state, outcome, memory)
+        sums = gather(course.driving, sums, state, outcome, course.controller.goal(memory))
         return (state, memory, sums), (state.world.vehicles, memory, sums, outcome.reward)
 
     seen = percept.of(course.driving.observation, world)
-    memory = course.controller.start(parameters, seen)
+    memory = course.controller.start(seen)
     carry = (episode.begin(world), memory, nothing_yet())
     return jax.lax.scan(decide, carry, length=course.duration)[1]
 
@@ -229,9 +233,9 @@ def recording(
     def padded(values: Any, first: Any, dtype: type = np.float64) -> Any:
         return np.concatenate([[first], np.asarray(values)[:frames]]).astype(dtype)
 
-    with_goals = isinstance(memory, GoalMemory)
-    lane = memory.goal.lane if with_goals else np.full(frames, -1)
-    speed = memory.goal.speed if with_goals else np.full(frames, np.nan)
+    goal = course.controller.goal(memory)
+    lane = np.full(frames, -1) if goal is None else goal.goal.lane
+    speed = np.full(frames, np.nan) if goal is None else goal.goal.speed
     return Recording(
         controller=course.controller.name,
         time=np.arange(frames + 1, dtype=np.float64) * course.driving.decision_duration,

@@ -1,5 +1,6 @@
 """The one definition of every test metric: name, unit, meaning, and what the paper published."""
 
+import csv
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import isfinite, nan
@@ -257,6 +258,29 @@ def paired(a: Episodes, b: Episodes) -> Paired:
         raise LanewiseError("there is no pair of test episodes to compare")
     same = (a.success[:common] == b.success[:common]) & (a.accident[:common] == b.accident[:common])
     return Paired(common, tuple(int(i) for i in np.flatnonzero(~same)))
+
+
+def from_csv(text: str) -> Episodes:
+    """Read back what `to_csv` made.
+
+    Raises:
+        LanewiseError: it is something else.
+    """
+    try:
+        head, *rows = csv.reader(text.splitlines())
+        cells = dict(zip(head, zip(*rows, strict=True), strict=True))
+        columns = {name: cells[name] for name in Episodes.__dataclass_fields__}
+        whole = {"goals", "goals_timed_out"}
+        return Episodes(
+            success=np.array([cell == "1" for cell in columns.pop("success")], np.bool_),
+            accident=np.array([ACCIDENTS.index(c) for c in columns.pop("accident")], np.int8),
+            **{
+                name: np.array([int(c) if name in whole else float(c or nan) for c in column])
+                for name, column in columns.items()
+            },
+        )
+    except (KeyError, ValueError) as error:
+        raise LanewiseError("the test's episodes are damaged; drive the test again") from error
 
 
 def to_csv(episodes: Episodes) -> str:

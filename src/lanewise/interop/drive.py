@@ -69,7 +69,7 @@ def _drive(course: TestCourse, parameters: Parameters, seed: int, index: int) ->
     env = _live(course, world)
     state = episode.begin(_single(highway_env.read_world(env)))
     seen = percept.of(course.driving.observation, state.world)
-    memory = course.controller.start(parameters, seen)
+    memory = course.controller.start(seen)
     sums = drive.nothing_yet()
     theirs = env.observation_type.observe()
     frames = []
@@ -127,7 +127,8 @@ def _judge(
 ) -> tuple[Episode, Sums, Array]:
     """(episode, sums, reward) after a decision that highway-env simulated."""
     state, outcome = episode.judge(course.driving, state, world, action, course.duration)
-    sums = drive.gather(course.driving, sums, state, outcome, memory)
+    goal = course.controller.goal(memory)
+    sums = drive.gather(course.driving, sums, state, outcome, goal)
     return state, sums, outcome.reward
 
 

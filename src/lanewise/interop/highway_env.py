@@ -274,9 +274,10 @@ def build_env(
 ) -> HighwayEnv:
     """Make a live highway-env environment whose road and vehicles equal our world.
 
-    The ego, vehicle 0, is a plain `Vehicle` under a DiscreteAction of nine actions; other EXTERNAL
-    and CONSTANT vehicles are plain `Vehicle`s, RULE_BASED ones `IDMVehicle`s whose parameters are
-    set on the instance. The observation is Kinematics with fixed ranges.
+    The ego, vehicle 0, is a plain `Vehicle` under a DiscreteAction of nine actions, or heeds none
+    if it is RULE_BASED; other EXTERNAL and CONSTANT vehicles are plain `Vehicle`s, RULE_BASED ones
+    `IDMVehicle`s whose parameters are set on the instance. The observation is Kinematics with fixed
+    ranges.
 
     Args:
         world: one world, any float type; absent vehicles are left out.
@@ -291,12 +292,12 @@ def build_env(
         The environment, not to be reset: a reset would replace the road and all vehicles.
 
     Raises:
-        SettingsError: the ego is missing or not EXTERNAL, or lanes are missing in between.
+        SettingsError: the ego is missing or CONSTANT, or lanes are missing in between.
     """
     indices = _present(world.vehicles)
     kinds = np.asarray(world.drivers.kind)
-    if not indices or indices[0] != 0 or kinds[0] != EXTERNAL:
-        raise SettingsError("vehicle 0 must be present and driven from outside")
+    if not indices or indices[0] != 0 or kinds[0] == CONSTANT:
+        raise SettingsError("vehicle 0 must be present and driven from outside or by rules")
     network = _build_network(world.road)
     lanes = len(_present(world.road))
     config = {
@@ -317,6 +318,9 @@ def build_env(
     ]
     env.controlled_vehicles = [env.road.vehicles[0]]
     env.define_spaces()
+    if kinds[0] == RULE_BASED:
+        # The road lets it act at every tick, and a second time would be once too often.
+        env.action_type.act = lambda action: None
     env.time, env.steps, env.done = 0, 0, False
     return env
 

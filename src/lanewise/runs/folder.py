@@ -7,6 +7,7 @@
     DIR/metrics.jsonl     one JSON object a line, the same bytes however often it was resumed
     DIR/timings.jsonl     wall-clock times, which do differ
     DIR/checkpoints/      what resuming needs
+    DIR/stages/           what each finished stage hands on
     DIR/controller.*      the trained controller
     DIR/lock              held by the process that writes
 
@@ -14,6 +15,7 @@ Imports no JAX.
 """
 
 import fcntl
+import hashlib
 import json
 import os
 from dataclasses import dataclass, field
@@ -29,8 +31,8 @@ from lanewise.ranges import show
 from lanewise.runs.files import PARTIAL, write_atomically
 
 FORMAT = "lanewise-run"
-VERSION = 1
-CONTROLLERS = ("hierarchical", "single-level")
+VERSION = 2
+CONTROLLERS = ("hierarchical", "single-level", "planned", "h-dqn")
 _OURS = {"lock", "settings.toml"}
 _LARGEST_MANIFEST = 100_000
 
@@ -47,6 +49,9 @@ class RunFolder:
     """What is trained: a name in ``CONTROLLERS``."""
     seed: int
     """Seed of everything random."""
+    digest: str
+    """Of the settings file; every file of the run carries it. The file's and not the settings', so
+    that a later version with one setting more still reads the run."""
     _lock: IO[bytes] | None = field(default=None, repr=False)
 
     @classmethod
@@ -59,7 +64,7 @@ class RunFolder:
         require_empty(path)
         path.mkdir(parents=True, exist_ok=True)
         lock = _acquire(path)
-        folder = cls(path, settings, controller, seed, lock)
+        folder = cls(path, settings, controller, seed, config.digest(settings), lock)
         try:
             # Whoever had the lock just before may have made a run meanwhile.
             require_empty(path)
@@ -77,7 +82,9 @@ class RunFolder:
             RunError: There is no run, or its files are damaged.
         """
         manifest = _read_manifest(path)
-        return cls(path, _read_settings(path, manifest), manifest["controller"], manifest["seed"])
+        settings = _read_settings(path, manifest)
+        digest = manifest["settings_digest"]
+        return cls(path, settings, manifest["controller"], manifest["seed"], digest)
 
     @classmethod
     def resume(
@@ -106,11 +113,6 @@ class RunFolder:
             )
         folder._lock = _acquire(path)
         return folder
-
-    @property
-    def digest(self) -> str:
-        """The settings' digest, which every file of the run carries."""
-        return config.digest(self.settings)
 
     @property
     def checkpoints(self) -> Path:
@@ -217,6 +219,6 @@ def _read_settings(path: Path, manifest: dict[str, Any]) -> Settings:
         settings = config.compose(file=file)
     except SettingsError as error:
         raise RunError(str(error)) from error
-    if config.digest(settings) != manifest.get("settings_digest"):
+    if hashlib.sha256(file.read_bytes()).hexdigest() != manifest.get("settings_digest"):
         raise RunError(f"{file} was altered after the run was made")
     return settings

@@ -19,10 +19,10 @@ from lanewise.progress import Progress
 from lanewise.runs import checkpoint, trained, tree
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.metrics import MetricsWriter
-from lanewise.training import progress as stages
+from lanewise.training import host as stages
 from lanewise.training import recipe
 from lanewise.training import stage as stage_loop
-from lanewise.training.progress import Ledger, StagePlan, StageProgress
+from lanewise.training.host import Ledger, StagePlan, StageProgress
 
 INTERVAL = 10.0
 """Seconds of training between checkpoints, at least; a kill loses no more than about this."""
@@ -98,7 +98,7 @@ def train(folder: RunFolder, high_level: Path | None, reporter: Progress) -> Non
             if index >= len(done):
                 _run_stage(files, index, stage, frozen, found, reporter)
                 found = None
-            frozen = frozen | {stage.level: trained.load_stage(folder, stage)}
+            frozen = frozen | trained.load_stage(folder, stage)
     trained.save_controller(folder, frozen)
 
 
@@ -140,7 +140,7 @@ def _run_stage(
                 saved = time.monotonic()
             if interrupts.asked:
                 raise KeyboardInterrupt
-    parameters = stages.result(progress, plan.course.stage.keep)
+    parameters = stages.result(progress, plan.course.budget.keep)
     meta = {"ledger": asdict(progress.ledger), "metrics_bytes": files.metrics.sync()}
     trained.save_stage(files.folder, stage, parameters, meta)
 
@@ -211,18 +211,19 @@ def _blank(folder: RunFolder, index: int) -> dict[str, Any]:
     """Shapes of a stage's checkpoint."""
     recipe_stages = recipe.RECIPES[folder.controller]
     plan = plan_of(folder, recipe_stages[index])
-    frozen = {
-        earlier.level: trained.blank_network(folder, earlier) for earlier in recipe_stages[:index]
-    }
+    frozen: Parameters = {}
+    for earlier in recipe_stages[:index]:
+        frozen = frozen | trained.blank_networks(folder, earlier)
     state = jax.eval_shape(
         lambda levels: stage_loop.begin(plan.course, levels, jax.random.key(0)), frozen
     )
-    return {"state": state, "best": state.learner.online}
+    return {"state": state, "best": stage_loop.online(state.learners)}
 
 
 def _restored(progress: StageProgress, found: checkpoint.Checkpoint) -> StageProgress:
     """The progress stored in a checkpoint; ``progress`` lends its structure."""
-    stored = tree.unflatten({"state": progress.state, "best": progress.best}, found.arrays)
+    blank: dict[str, Any] = {"state": progress.state, "best": progress.best}
+    stored = tree.unflatten(blank, found.arrays)
     ledger: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in found.meta["ledger"].items()

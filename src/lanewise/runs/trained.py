@@ -52,7 +52,9 @@ def load(path: Path) -> Trained:
             f"{path} is not finished; lanewise train {folder.controller} --out {path} --resume "
             "continues it"
         )
-    blank = {stage.level: blank_network(folder, stage) for stage in _stages(folder)}
+    blank: Parameters = {}
+    for stage in _stages(folder):
+        blank = blank | blank_networks(folder, stage)
     stored = checkpoint.load(folder.path, CONTROLLER, tree.shapes(blank), folder.digest)
     parameters: Parameters = tree.unflatten(blank, stored.arrays)
     return Trained(folder.controller, folder.settings, folder.seed, parameters)
@@ -80,16 +82,18 @@ def metrics_bytes(folder: RunFolder, stage: Stage) -> int:
     return int(stored.meta["metrics_bytes"])
 
 
-def save_stage(folder: RunFolder, stage: Stage, parameters: Any, meta: dict[str, Any]) -> None:
-    """Store what a stage hands on."""
+def save_stage(
+    folder: RunFolder, stage: Stage, parameters: Parameters, meta: dict[str, Any]
+) -> None:
+    """Store what a stage hands on: the parameters of the levels that learnt in it."""
     checkpoint.save(_directory(folder), stage.name, tree.flatten(parameters), meta, folder.digest)
 
 
-def load_stage(folder: RunFolder, stage: Stage) -> network.Parameters:
+def load_stage(folder: RunFolder, stage: Stage) -> Parameters:
     """What a stage handed on."""
-    blank = blank_network(folder, stage)
+    blank = blank_networks(folder, stage)
     stored = checkpoint.load(_directory(folder), stage.name, tree.shapes(blank), folder.digest)
-    parameters: network.Parameters = tree.unflatten(blank, stored.arrays)
+    parameters: Parameters = tree.unflatten(blank, stored.arrays)
     return parameters
 
 
@@ -100,7 +104,7 @@ def take_over_high_level(folder: RunFolder, source: Path) -> None:
         RunError: the source has no finished step 1, or the two high levels differ in shape or in
             what they see.
     """
-    first = recipe.RECIPES["hierarchical"][0]
+    first = recipe.STEP_1
     if has_stage(folder, first.name):
         raise RunError(f"{folder.path} has its own step 1 already; resume it without --high-level")
     other = RunFolder.open(source)
@@ -128,14 +132,20 @@ def _seen_by_high_level(settings: Settings) -> tuple[Any, ...]:
     return goals, settings.driving
 
 
-def blank_network(folder: RunFolder, stage: Stage) -> network.Parameters:
-    """Shapes of a stage's network."""
+def blank_networks(folder: RunFolder, stage: Stage) -> Parameters:
+    """Shapes of the networks that learn in a stage."""
     course = recipe.course(folder.settings, stage)
-    controller, hidden = course.controller, course.stage.learner.hidden
-    shapes: network.Parameters = jax.eval_shape(
-        lambda key: network.init(key, controller.feature_count, hidden, controller.choice_count),
-        jax.random.key(0),
-    )
+
+    def networks(key: jax.Array) -> Parameters:
+        found: Parameters = {}
+        for name, how in course.learning:
+            level = course.level(name)
+            found[name] = network.init(
+                key, level.feature_count, how.learner.hidden, level.choice_count
+            )
+        return found
+
+    shapes: Parameters = jax.eval_shape(networks, jax.random.key(0))
     return shapes
 
 

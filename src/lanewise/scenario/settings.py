@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from lanewise.ranges import Between
+from lanewise.ranges import Between, OneOf
 from lanewise.world.settings import PAPER_DRIVER, DriverSettings
 
 Metres = Between(0.0, 1000.0, "m")
@@ -46,6 +46,9 @@ class TrapSettings:
     """Width of every lane."""
     speed_limit: Annotated[float, Between(1.0, 60.0, "m/s")] = 30.0
     """Speed limit of every lane; drivers' target speeds are clipped to it."""
+    ego_driver: Annotated[str, OneOf(("controller", "rule-based"))] = "controller"
+    """Who drives the ego: a controller, or the rules of the traffic (IDM and MOBIL), which is the
+    reference driver `rule-based`."""
     ego_speed: Annotated[float, Between(1.0, 40.0, "m/s")] = 10.0
     """The ego's speed at the start."""
     trap_speed: Annotated[float, Between(0.5, 40.0, "m/s")] = 10.0

@@ -123,12 +123,11 @@ def _traffic_positions(settings: TrapSettings, key: Array, trap_x: Array) -> Arr
 
 def _drivers(settings: TrapSettings, traffic: int) -> Drivers:
     """Drivers of the ego, the trap cars and the traffic, in this order."""
-    plain = [
-        DriverSettings(target_speed=speed)
-        for speed in (settings.ego_speed, settings.trap_speed, settings.trap_speed)
-    ]
+    by_rules = settings.ego_driver == "rule-based"
+    ego = settings.traffic.driver if by_rules else DriverSettings(target_speed=settings.ego_speed)
+    trap_car = DriverSettings(target_speed=settings.trap_speed)
     return build.make_drivers(
-        plain + [settings.traffic.driver] * traffic,
-        [EXTERNAL, CONSTANT, CONSTANT] + [RULE_BASED] * traffic,
+        [ego, trap_car, trap_car] + [settings.traffic.driver] * traffic,
+        [RULE_BASED if by_rules else EXTERNAL, CONSTANT, CONSTANT] + [RULE_BASED] * traffic,
         missing_target_speed=settings.missing_target_speed,
     )

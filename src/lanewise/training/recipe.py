@@ -6,6 +6,7 @@ from typing import Protocol
 from lanewise.controllers.controller import Controller
 from lanewise.controllers.hierarchical import Hierarchical
 from lanewise.controllers.planned import Planned
+from lanewise.controllers.rule_based import RuleBased
 from lanewise.controllers.settings import GoalSettings, PlannerSettings
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.settings import DrivingSettings
@@ -13,7 +14,13 @@ from lanewise.evaluation.drive import TestCourse
 from lanewise.evaluation.settings import EvaluationSettings
 from lanewise.scenario.settings import TrapSettings
 from lanewise.training.rollout import Course
-from lanewise.training.settings import StageSettings
+from lanewise.training.settings import (
+    BudgetSettings,
+    HDQNSettings,
+    LevelSettings,
+    SingleLevelSettings,
+    StageSettings,
+)
 
 
 class RecipeSettings(Protocol):
@@ -40,7 +47,7 @@ class RecipeSettings(Protocol):
         """How controllers are tested."""
 
     @property
-    def single_level(self) -> StageSettings:
+    def single_level(self) -> SingleLevelSettings:
         """Training of the single-level controller."""
 
     @property
@@ -51,6 +58,10 @@ class RecipeSettings(Protocol):
     def low_level(self) -> StageSettings:
         """Step 2."""
 
+    @property
+    def h_dqn(self) -> HDQNSettings:
+        """Both levels together."""
+
 
 @dataclass(frozen=True)
 class Stage:
@@ -58,18 +69,20 @@ class Stage:
 
     name: str
     """In metrics, checkpoints and progress."""
-    level: str
-    """The level that learns; also the name of its `StageSettings`."""
+    learns: tuple[str, ...]
+    """The levels that learn, in the order in which they choose."""
     controller: str
-    """The controller that drives while it learns."""
+    """The controller that drives while they learn."""
 
+
+STEP_1 = Stage("step-1", learns=("high_level",), controller="planned")
+STEP_2 = Stage("step-2", learns=("low_level",), controller="hierarchical")
 
 RECIPES = {
-    "hierarchical": (
-        Stage("step-1", level="high_level", controller="planned"),
-        Stage("step-2", level="low_level", controller="hierarchical"),
-    ),
-    "single-level": (Stage("single-level", level="single_level", controller="single-level"),),
+    "hierarchical": (STEP_1, STEP_2),
+    "planned": (STEP_1,),
+    "single-level": (Stage("single-level", learns=("single_level",), controller="single-level"),),
+    "h-dqn": (Stage("h-dqn", learns=("high_level", "low_level"), controller="h-dqn"),),
 }
 """The stages of each trainable controller, in order; a later one finds the earlier ones' levels
 frozen."""
@@ -77,24 +90,43 @@ frozen."""
 
 def controller(settings: RecipeSettings, name: str, renewal: str) -> Controller:
     """The controller of a name, with goals renewed as ``renewal`` says."""
-    if name == "planned":
-        return Planned(settings.driving, settings.goals, settings.planner, renewal)
-    if name == "hierarchical":
-        return Hierarchical(settings.driving, settings.goals, renewal)
-    return SingleLevel()
+    driving, goals = settings.driving, settings.goals
+    match name:
+        case "planned":
+            return Planned(driving, goals, settings.planner, renewal)
+        case "hierarchical" | "h-dqn":
+            return Hierarchical(driving, goals, renewal, name)
+        case "single-level":
+            return SingleLevel(settings.single_level.hold)
+        case "rule-based":
+            return RuleBased()
+    raise ValueError(f"no controller is called {name}")
+
+
+def budget(settings: RecipeSettings, stage: Stage) -> BudgetSettings:
+    """How long a stage drives."""
+    alone: StageSettings = getattr(settings, stage.learns[0])
+    return settings.h_dqn if stage.name == "h-dqn" else alone
+
+
+def learning(settings: RecipeSettings, stage: Stage) -> tuple[tuple[str, LevelSettings], ...]:
+    """The levels of a stage that learn, and how."""
+    owner = settings.h_dqn if stage.name == "h-dqn" else settings
+    return tuple((name, getattr(owner, name)) for name in stage.learns)
 
 
 def course(settings: RecipeSettings, stage: Stage) -> Course:
     """The static part of a stage.
 
-    In step 1 goals are always held by the critic; `GoalSettings.training_renewal` speaks of step 2.
+    `GoalSettings.training_renewal` speaks of step 2; elsewhere goals are held by the critic.
     """
-    renewal = settings.goals.training_renewal if stage.controller == "hierarchical" else "critic"
+    renewal = settings.goals.training_renewal if stage == STEP_2 else "critic"
     return Course(
         scenario=settings.scenario,
         driving=settings.driving,
         controller=controller(settings, stage.controller, renewal),
-        stage=getattr(settings, stage.level),
+        budget=budget(settings, stage),
+        learning=learning(settings, stage),
     )
 
 
@@ -105,8 +137,11 @@ def validation_course(settings: RecipeSettings, stage: Stage) -> TestCourse:
 
 def test_course(settings: RecipeSettings, name: str, renewal: str | None = None) -> TestCourse:
     """Greedy test episodes of a controller; goals renewed as its test setting says."""
+    scenario = settings.scenario
+    if name == "rule-based":
+        scenario = replace(scenario, ego_driver="rule-based")
     return TestCourse(
-        scenario=settings.scenario,
+        scenario=scenario,
         driving=settings.driving,
         controller=controller(settings, name, renewal or settings.goals.test_renewal),
         duration=settings.evaluation.duration * settings.driving.decision_frequency,

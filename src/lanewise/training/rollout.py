@@ -1,42 +1,26 @@
-"""Driving while learning: one decision in one world, and the transition it leaves.
+"""Driving while learning: one decision in one world, and the transitions it leaves."""
 
-A transition spans from one choice of the learning network to the next: one decision for the
-single-level and the low-level network, a whole goal for the high level. It is emitted on the
-decision after which the network is to choose again, or the episode ends.
-"""
-
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from lanewise.controllers.controller import Controller, Parameters
+from lanewise.controllers import controller as controllers
+from lanewise.controllers.controller import Controller, Level, Parameters
 from lanewise.driving import episode, percept
 from lanewise.driving.episode import Episode, Outcome
 from lanewise.driving.percept import Percept
 from lanewise.driving.settings import DrivingSettings
 from lanewise.learning import exploration, network
-from lanewise.learning.replay import Transition
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
-from lanewise.training.settings import StageSettings
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Pending:
-    """A choice whose consequences are still being gathered."""
-
-    features: Array
-    """[F] what the network saw."""
-    choice: Array
-    """int32 [] what it chose."""
-    reward: Array
-    """[] reward so far, with the goal-tracking term."""
-    discount: Array
-    """[] gamma^k after k decisions."""
+from lanewise.training import transitions
+from lanewise.training.settings import BudgetSettings, LevelSettings
+from lanewise.training.transitions import Emitted, Pending
 
 
 @jax.tree_util.register_dataclass
@@ -60,8 +44,10 @@ class Rollout:
     episode: Episode
     percept: Percept
     memory: Any
-    """The controller's memory, which has perceived ``percept``."""
-    pending: Pending
+    """The controller's memory, which has perceived ``percept``; levels above the first that
+    learns have chosen."""
+    pending: dict[str, Pending]
+    """By level that learns."""
     tally: Tally
 
 
@@ -88,12 +74,34 @@ class Finished:
 
 @dataclass(frozen=True)
 class Course:
-    """What stays the same through a stage: the scenario, the rules, and who drives. Static."""
+    """What stays the same through a stage. Static."""
 
     scenario: TrapSettings
     driving: DrivingSettings
     controller: Controller
-    stage: StageSettings
+    """Who drives."""
+    budget: BudgetSettings
+    learning: tuple[tuple[str, LevelSettings], ...]
+    """The levels that learn, in the order in which they choose, and how."""
+
+    @property
+    def leading(self) -> Sequence[Level]:
+        """Frozen levels above the first that learns; they choose as soon as a percept is there."""
+        return self.controller.levels[: self._first]
+
+    @property
+    def choosing(self) -> Sequence[Level]:
+        """The first level that learns, and all below it."""
+        return self.controller.levels[self._first :]
+
+    def level(self, name: str) -> Level:
+        """A level of the controller."""
+        return next(level for level in self.controller.levels if level.name == name)
+
+    @property
+    def _first(self) -> int:
+        names = [level.name for level in self.controller.levels]
+        return names.index(self.learning[0][0])
 
 
 def begin(course: Course, parameters: Parameters, key: Array) -> Rollout:
@@ -101,105 +109,100 @@ def begin(course: Course, parameters: Parameters, key: Array) -> Rollout:
     state = episode.begin(trap.sample(course.scenario, key, "training"))
     seen = percept.of(course.driving.observation, state.world)
     controller = course.controller
-    memory = controller.start(parameters, seen)
-    memory = controller.perceive(parameters, memory, seen)
+    memory = controller.perceive(controller.start(seen), seen)
     zero = jnp.float32(0.0)
     return Rollout(
         episode=state,
         percept=seen,
-        memory=memory,
-        pending=Pending(controller.features(memory, seen), jnp.int32(0), zero, jnp.float32(1.0)),
+        memory=_settle(course, parameters, memory, seen),
+        pending={
+            name: transitions.nothing(how, course.level(name).feature_count)
+            for name, how in course.learning
+        },
         tally=Tally(zero, zero, zero),
     )
 
 
 def step(
-    course: Course, parameters: Parameters, rollout: Rollout, epsilon: Array, key: Array
-) -> tuple[Rollout, Transition, Array, Finished]:
+    course: Course,
+    parameters: Parameters,
+    rollout: Rollout,
+    epsilon: dict[str, Array],
+    key: Array,
+) -> tuple[Rollout, dict[str, Emitted], Finished]:
     """One decision with exploration; an episode that ends is replaced by a fresh one.
 
     Args:
         course: static settings.
-        parameters: of all levels; the learning network's are the online ones.
+        parameters: of all levels; those of levels that learn are the online ones.
         rollout: the world under way.
-        epsilon: [] probability of a random choice.
+        epsilon: by level that learns, [] probability of a random choice.
         key: random key of this decision in this world.
 
     Returns:
-        The world after the decision, a transition, bool [] whether it is complete, and facts
+        The world after the decision, what each learning level leaves for its replay, and facts
         about the episode, meaningful if it ended.
     """
     explore_key, start_key = jax.random.split(key)
     controller = course.controller
 
-    pending, memory, action = _choose(course, parameters, rollout, epsilon, explore_key)
-    state, outcome = episode.step(course.driving, rollout.episode, action, course.stage.duration)
+    pending, memory = _choose(course, parameters, rollout, epsilon, explore_key)
+    action, memory = controller.act(memory, rollout.percept)
+    state, outcome = episode.step(course.driving, rollout.episode, action, course.budget.duration)
     seen = percept.of(course.driving.observation, state.world)
-    pending = _gather(course, pending, outcome, controller.penalty(memory, seen))
-    memory = controller.perceive(parameters, memory, seen)
+    feedback = controller.feedback(memory, seen)
+    memory = _settle(course, parameters, controller.perceive(memory, seen), seen)
 
-    done = outcome.terminated | outcome.truncated
-    transition = _transition(course, pending, outcome, controller.features(memory, seen))
-    emitted = controller.ready(memory) | done
+    emitted = {}
+    for name, how in course.learning:
+        pending[name] = transitions.gather(how, pending[name], outcome, feedback)
+        level = course.level(name)
+        emitted[name] = transitions.emit(
+            how, pending[name], outcome, feedback, level.features(memory, seen), level.ready(memory)
+        )
     tally = _count(course.driving, rollout.tally, state, outcome)
+    done = outcome.terminated | outcome.truncated
     finished = _finish(state, outcome, tally, done)
 
     after = Rollout(state, seen, memory, pending, tally)
     fresh = begin(course, parameters, start_key)
     after = jax.tree.map(lambda new, old: jnp.where(done, new, old), fresh, after)
-    return after, transition, emitted, finished
+    return after, emitted, finished
+
+
+def _settle(course: Course, parameters: Parameters, memory: Any, seen: Percept) -> Any:
+    """Let the frozen levels above the learning ones choose.
+
+    Now, so that what a learning level sees after a transition is what it will then act on.
+    """
+    for level in course.leading:
+        memory, _ = controllers.choose(level, parameters, memory, seen)
+    return memory
 
 
 def _choose(
-    course: Course, parameters: Parameters, rollout: Rollout, epsilon: Array, key: Array
-) -> tuple[Pending, Any, Array]:
-    """Let the network choose where it is ready: (pending choice, memory, low-level action)."""
-    controller = course.controller
-    features = controller.features(rollout.memory, rollout.percept)
-    values = network.q_values(parameters[controller.learns], features)
-    choice = exploration.epsilon_greedy(key, values, epsilon)
-    ready = controller.ready(rollout.memory)
-    new = Pending(features, choice, jnp.float32(0.0), jnp.float32(1.0))
-    pending = jax.tree.map(lambda n, o: jnp.where(ready, n, o), new, rollout.pending)
-    action, memory = controller.decide(rollout.memory, rollout.percept, choice)
-    return pending, memory, action
-
-
-def _gather(course: Course, pending: Pending, outcome: Outcome, penalty: Array) -> Pending:
-    """Add a decision's reward to the pending choice.
-
-    The reward is the external one, less the tracking term (row 21), which an accident replaces.
-    Inside a goal rewards are summed, or discounted if gamma counts per decision (row 14).
-    """
-    tracking = jnp.where(outcome.terminated, 0.0, course.stage.tracking_weight * penalty)
-    reward = outcome.reward - tracking
-    if course.stage.discount_across_goal == "per-decision":
-        reward = pending.discount * reward
-    return Pending(
-        features=pending.features,
-        choice=pending.choice,
-        reward=pending.reward + reward,
-        discount=pending.discount * course.stage.learner.discount,
-    )
-
-
-def _transition(
-    course: Course, pending: Pending, outcome: Outcome, next_features: Array
-) -> Transition:
-    """The transition, complete or not: the discount alone tells the learner how it ended."""
-    discount = jnp.float32(course.stage.learner.discount)
-    if course.stage.discount_across_goal == "per-decision":
-        discount = pending.discount
-    over = outcome.terminated
-    if course.stage.time_out == "terminal":
-        over = over | outcome.truncated
-    return Transition(
-        features=pending.features,
-        action=pending.choice,
-        reward=pending.reward,
-        discount=jnp.where(over, 0.0, discount),
-        next_features=next_features,
-    )
+    course: Course,
+    parameters: Parameters,
+    rollout: Rollout,
+    epsilon: dict[str, Array],
+    key: Array,
+) -> tuple[dict[str, Pending], Any]:
+    """Let the other levels choose, those that learn with exploration: (pending, memory)."""
+    seen, memory = rollout.percept, rollout.memory
+    pending = dict(rollout.pending)
+    for number, level in enumerate(course.choosing):
+        if level.name not in pending:
+            memory, _ = controllers.choose(level, parameters, memory, seen)
+            continue
+        level_key = jax.random.fold_in(key, number) if number else key
+        features = level.features(memory, seen)
+        values = network.q_values(parameters[level.name], features)
+        choice = exploration.epsilon_greedy(level_key, values, epsilon[level.name])
+        pushed = transitions.push(pending[level.name], features, choice)
+        ready = level.ready(memory)
+        pending[level.name] = jax.tree.map(partial(jnp.where, ready), pushed, pending[level.name])
+        memory = level.choose(memory, seen, choice)
+    return pending, memory
 
 
 def _count(driving: DrivingSettings, tally: Tally, state: Episode, outcome: Outcome) -> Tally:

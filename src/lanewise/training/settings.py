@@ -1,4 +1,4 @@
-"""Settings of training stages. Imports no JAX."""
+"""Settings of training stages: a budget, and how each level learns. Imports no JAX."""
 
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -8,8 +8,8 @@ from lanewise.ranges import Between, OneOf
 
 
 @dataclass(frozen=True)
-class StageSettings:
-    """One stage of a training recipe: its budget and how its learner learns."""
+class BudgetSettings:
+    """How long a stage drives, and which weights it hands on."""
 
     episodes: Annotated[int, Between(0, 10_000_000)] = 0
     """Stop when this many episodes are complete; 0 for no such limit."""
@@ -19,20 +19,59 @@ class StageSettings:
     """Training episodes are truncated after this many decisions."""
     worlds: Annotated[int, Between(1, 65_536)] = 32
     """Worlds driven at once."""
-    updates_per_step: Annotated[float, Between(0.001, 16.0)] = 0.125
-    """Learner updates per environment step (decision), over all worlds together (row 17)."""
     keep: Annotated[str, OneOf(("best-training", "best-validation", "last"))] = "best-validation"
     """Which weights the stage hands on: best mean reward over 10 training episodes (the paper's
     rule for step 1), best on validation starts, or the last."""
+
+
+@dataclass(frozen=True)
+class LevelSettings:
+    """How one level learns: what it is paid, how it explores, how its learner learns."""
+
+    updates_per_step: Annotated[float, Between(0.001, 16.0)] = 0.125
+    """Learner updates per environment step (decision), over all worlds together (row 17)."""
     discount_across_goal: Annotated[str, OneOf(("per-goal", "per-decision"))] = "per-goal"
-    """Row 14: gamma once per goal with the rewards inside it summed, or gamma^k after k decisions
-    with the rewards inside it discounted."""
+    """Row 14: gamma once per choice with the rewards inside it summed, or gamma^k after k decisions
+    with the rewards inside it discounted. A choice lasts a goal for the high level."""
+    returns: Annotated[int, Between(1, 64)] = 1
+    """n of n-step returns: choices whose rewards are summed before the value of the state after
+    them."""
     time_out: Annotated[str, OneOf(("truncation", "terminal"))] = "truncation"
     """Row 18: bootstrap through a time-out, or treat it as terminal."""
+    external_weight: Annotated[float, Between(0.0, 1000.0)] = 1.0
+    """Weight of the external reward, accidents included; 0 for a level that is paid by its goals
+    alone."""
     tracking_weight: Annotated[float, Between(0.0, 1000.0)] = 0.0
     """Row 21: weight w of the goal-tracking term -w (|dd|/4 m + |dv|/2 m/s) of the low level;
     0 is the paper's external reward only."""
+    goal_reward: Annotated[float, Between(0.0, 1000.0)] = 0.0
+    """Intrinsic reward of the low level in the decision that reaches its goal (h-DQN)."""
+    goal_end: Annotated[str, OneOf(("bootstrap", "terminal"))] = "bootstrap"
+    """What a reached goal is to the low level: a step like any other, or an end (h-DQN)."""
     exploration: ExplorationSettings = field(default_factory=ExplorationSettings)
     """Exploration."""
     learner: LearnerSettings = field(default_factory=LearnerSettings)
     """Learner."""
+
+
+@dataclass(frozen=True)
+class StageSettings(LevelSettings, BudgetSettings):
+    """A stage in which one level learns."""
+
+
+@dataclass(frozen=True)
+class SingleLevelSettings(StageSettings):
+    """Training of the single-level controller, and how long it holds a choice."""
+
+    hold: Annotated[int, Between(1, 100)] = 1
+    """Decisions for which each choice is held, in training and in tests."""
+
+
+@dataclass(frozen=True)
+class HDQNSettings(BudgetSettings):
+    """h-DQN (Kulkarni et al. 2016): both levels learn together, each with its own epsilon."""
+
+    high_level: LevelSettings = field(default_factory=LevelSettings)
+    """The high level, paid by the external reward."""
+    low_level: LevelSettings = field(default_factory=LevelSettings)
+    """The low level, paid for reaching its goals."""

@@ -5,7 +5,7 @@ the host's. All randomness comes from the stage's key and the iteration's number
 is stopped between chunks and continued later runs to the same bits.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from math import floor
 
@@ -19,14 +19,17 @@ from lanewise.learning.learner import Learner
 from lanewise.learning.replay import Replay
 from lanewise.training import rollout
 from lanewise.training.rollout import Course, Finished, Rollout
-from lanewise.training.settings import StageSettings
+from lanewise.training.settings import LevelSettings
+from lanewise.training.transitions import Emitted
 
 CHUNK = 50
 """Iterations in a compiled chunk; an iteration is one decision in every world."""
 
 
 Sums = tuple[Array, Array, Array]
-"""Over the updates of a chunk: their number, their losses, their mean Q-values."""
+"""Over a level's updates in a chunk: their number, their losses, their mean Q-values."""
+LEVEL_STREAM = 1_000_000
+"""First random stream of the levels after the first that learns."""
 
 
 @jax.tree_util.register_dataclass
@@ -38,19 +41,19 @@ class StageState:
     """The stage's random key; never consumed, only folded with named streams."""
     iteration: Array
     """int32 [] iterations done."""
-    learner: Learner
-    replay: Replay
+    learners: dict[str, Learner]
+    """By level that learns."""
+    replays: dict[str, Replay]
+    """By level that learns."""
     rollouts: Rollout
     """Every field with a leading axis over the worlds."""
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class ChunkMetrics:
-    """What a chunk reports; the host makes lines and curves of it."""
+class LevelMetrics:
+    """What a chunk reports of a level that learns."""
 
-    finished: Finished
-    """[CHUNK, worlds] facts about episodes, meaningful where ``done``."""
     epsilon: Array
     """[] at the chunk's end."""
     loss: Array
@@ -63,6 +66,17 @@ class ChunkMetrics:
     """int32 [] so far."""
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class ChunkMetrics:
+    """What a chunk reports; the host makes lines and curves of it."""
+
+    finished: Finished
+    """[CHUNK, worlds] facts about episodes, meaningful where ``done``."""
+    levels: dict[str, LevelMetrics]
+    """By level that learns."""
+
+
 @partial(jax.jit, static_argnums=0)
 def begin(course: Course, frozen: Parameters, key: Array) -> StageState:
     """The state before the first decision.
@@ -72,21 +86,34 @@ def begin(course: Course, frozen: Parameters, key: Array) -> StageState:
         frozen: parameters of levels that do not learn here; may be empty.
         key: the stage's random key.
     """
-    controller, settings = course.controller, course.stage
     network_key, start_key = (jax.random.fold_in(key, stream) for stream in (0, 1))
-    state = learner.begin(
-        network_key, settings.learner, controller.feature_count, controller.choice_count
-    )
-    parameters = frozen | {controller.learns: state.online}
-    start_keys = jax.random.split(start_key, settings.worlds)
+    learners, replays = {}, {}
+    for number, (name, how) in enumerate(course.learning):
+        level = course.level(name)
+        learners[name] = learner.begin(
+            _of_level(network_key, number), how.learner, level.feature_count, level.choice_count
+        )
+        replays[name] = replay.empty(how.learner.replay_capacity, level.feature_count)
+    parameters = frozen | online(learners)
+    start_keys = jax.random.split(start_key, course.budget.worlds)
     return StageState(
         # A copy, because `advance` consumes the state it is given and the caller keeps its key.
         key=jax.random.clone(key),  # type: ignore[no-untyped-call]
         iteration=jnp.int32(0),
-        learner=state,
-        replay=replay.empty(settings.learner.replay_capacity, controller.feature_count),
+        learners=learners,
+        replays=replays,
         rollouts=jax.vmap(partial(rollout.begin, course, parameters))(start_keys),
     )
+
+
+def online(learners: dict[str, Learner]) -> Parameters:
+    """The online parameters of the levels that learn."""
+    return {name: state.online for name, state in learners.items()}
+
+
+def _of_level(key: Array, number: int) -> Array:
+    """The random key of the level of that number; the first takes the key itself."""
+    return jax.random.fold_in(key, LEVEL_STREAM + number) if number else key
 
 
 @partial(jax.jit, static_argnums=0, donate_argnums=2)
@@ -99,88 +126,103 @@ def advance(
         The state afterwards, and the chunk's metrics.
     """
     zero = jnp.float32(0.0)
+    nothing: dict[str, Sums] = {name: (zero, zero, zero) for name, _ in course.learning}
     (state, sums), finished = jax.lax.scan(
-        partial(_iterate, course, frozen), (state, (zero, zero, zero)), length=CHUNK
+        partial(_iterate, course, frozen), (state, nothing), length=CHUNK
     )
+    levels = {
+        name: _level_metrics(course, how, state, name, sums[name]) for name, how in course.learning
+    }
+    return state, ChunkMetrics(finished=finished, levels=levels)
+
+
+def _level_metrics(
+    course: Course, how: LevelSettings, state: StageState, name: str, sums: Sums
+) -> LevelMetrics:
+    """A level at a chunk's end."""
     updates, loss, mean_q = sums
-    metrics = ChunkMetrics(
-        finished=finished,
-        epsilon=epsilon(course.stage, state.iteration),
+    return LevelMetrics(
+        epsilon=epsilon(how, course.budget.worlds, state.iteration),
         loss=loss / updates,
         mean_q=mean_q / updates,
-        transitions=state.replay.position,
-        updates=state.learner.updates,
+        transitions=state.replays[name].position,
+        updates=state.learners[name].updates,
     )
-    return state, metrics
 
 
-def epsilon(settings: StageSettings, iteration: Array) -> Array:
+def epsilon(how: LevelSettings, worlds: int, iteration: Array) -> Array:
     """Epsilon at an iteration, counted over all worlds or in each (row 15 of the reading)."""
     steps = iteration
-    if settings.exploration.counted == "all-worlds":
-        steps = iteration * settings.worlds
-    return exploration.epsilon(settings.exploration, steps)
+    if how.exploration.counted == "all-worlds":
+        steps = iteration * worlds
+    return exploration.epsilon(how.exploration, steps)
 
 
 def _iterate(
-    course: Course, frozen: Parameters, carry: tuple[StageState, Sums], _: None
-) -> tuple[tuple[StageState, Sums], Finished]:
+    course: Course, frozen: Parameters, carry: tuple[StageState, dict[str, Sums]], _: None
+) -> tuple[tuple[StageState, dict[str, Sums]], Finished]:
     """One decision in every world, then the updates that are due."""
     state, sums = carry
     step_key, update_key = jax.random.split(jax.random.fold_in(state.key, state.iteration + 2))
     state, finished = _drive(course, frozen, state, step_key)
-    state, sums = _learn(course, state, sums, update_key)
-    return (state, sums), finished
+    learners = dict(state.learners)
+    sums = dict(sums)
+    for number, (name, how) in enumerate(course.learning):
+        due = updates_due(how, course.budget.worlds, state.iteration)
+        learners[name], sums[name] = _learn(
+            how, learners[name], state.replays[name], sums[name], due, _of_level(update_key, number)
+        )
+    return (replace(state, learners=learners), sums), finished
 
 
 def _drive(
     course: Course, frozen: Parameters, state: StageState, key: Array
 ) -> tuple[StageState, Finished]:
-    """One decision in every world; complete transitions go to the replay."""
-    parameters = frozen | {course.controller.learns: state.learner.online}
-    now = epsilon(course.stage, state.iteration)
-    rollouts, transitions, emitted, finished = jax.vmap(
+    """One decision in every world; complete transitions go to the replays."""
+    parameters = frozen | online(state.learners)
+    worlds = course.budget.worlds
+    now = {name: epsilon(how, worlds, state.iteration) for name, how in course.learning}
+    rollouts, emitted, finished = jax.vmap(
         lambda world, world_key: rollout.step(course, parameters, world, now, world_key)
-    )(state.rollouts, jax.random.split(key, course.stage.worlds))
-    after = StageState(
-        key=state.key,
-        iteration=state.iteration + 1,
-        learner=state.learner,
-        replay=replay.add(state.replay, transitions, emitted),
-        rollouts=rollouts,
-    )
+    )(state.rollouts, jax.random.split(key, worlds))
+    replays = {name: _add(state.replays[name], emitted[name]) for name, _ in course.learning}
+    after = replace(state, iteration=state.iteration + 1, replays=replays, rollouts=rollouts)
     return after, finished
 
 
-def _learn(course: Course, state: StageState, sums: Sums, key: Array) -> tuple[StageState, Sums]:
-    """The updates due after this iteration: a loop of traced length, none during the warm-up.
+def _add(memory: Replay, emitted: Emitted) -> Replay:
+    """The replay with what the worlds left for it, [worlds, n]."""
+    flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), emitted)
+    return replay.add(memory, flat.transitions, flat.complete)
+
+
+def _learn(
+    how: LevelSettings, state: Learner, memory: Replay, sums: Sums, due: Array, key: Array
+) -> tuple[Learner, Sums]:
+    """A level's updates after an iteration: a loop of traced length, none during the warm-up.
 
     A loop and not a conditional: a conditional inside a compiled loop may copy its whole carry,
     the replay included.
     """
-    settings = course.stage
 
     def update(index: Array, carry: tuple[Learner, Sums]) -> tuple[Learner, Sums]:
         current, (count, loss, mean_q) = carry
-        batch = replay.sample(
-            state.replay, jax.random.fold_in(key, index), settings.learner.batch_size
-        )
-        current, metrics = learner.update(settings.learner, current, batch)
+        batch = replay.sample(memory, jax.random.fold_in(key, index), how.learner.batch_size)
+        current, metrics = learner.update(how.learner, current, batch)
         return current, (count + 1.0, loss + metrics.loss, mean_q + metrics.mean_q)
 
-    due = updates_due(settings, state.iteration)
-    after, sums = jax.lax.fori_loop(0, due, update, (state.learner, sums))
-    return StageState(state.key, state.iteration, after, state.replay, state.rollouts), sums
+    after: tuple[Learner, Sums] = jax.lax.fori_loop(0, due, update, (state, sums))
+    return after
 
 
-def updates_due(settings: StageSettings, iteration: Array) -> Array:
-    """Updates after iteration number ``iteration``, the first being 1; int32 [].
+def updates_due(how: LevelSettings, worlds: int, iteration: Array) -> Array:
+    """A level's updates after iteration number ``iteration``, the first being 1; int32 [].
 
     Their running total follows ``updates_per_step``.
     """
-    rate = settings.updates_per_step * settings.worlds
+    rate = how.updates_per_step * worlds
     whole, part = floor(rate), rate - floor(rate)
     # The whole part apart, so that a float32 product of the count stays exact enough.
     extra = jnp.floor(iteration * part) - jnp.floor((iteration - 1) * part)
-    warm = iteration * settings.worlds > settings.learner.warm_up
+    warm = iteration * worlds > how.learner.warm_up
     return jnp.where(warm, whole + extra, 0).astype(jnp.int32)

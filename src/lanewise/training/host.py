@@ -49,8 +49,8 @@ class StageProgress:
     """A stage between two chunks."""
 
     state: StageState
-    best: Any
-    """The learning network's best parameters so far."""
+    best: Parameters
+    """The best parameters so far of the levels that learn."""
     ledger: Ledger = field(default_factory=Ledger)
 
 
@@ -78,20 +78,20 @@ class StagePlan:
     @property
     def last_chunk(self) -> int | None:
         """Chunks of the whole stage, where its decisions are limited."""
-        per_chunk = stage.CHUNK * self.course.stage.worlds
-        decisions = self.course.stage.decisions
+        per_chunk = stage.CHUNK * self.course.budget.worlds
+        decisions = self.course.budget.decisions
         return -(-decisions // per_chunk) if decisions else None
 
     def finished(self, ledger: Ledger) -> bool:
         """Whether the stage's budget is spent; looked at between chunks."""
-        limit = self.course.stage.episodes
+        limit = self.course.budget.episodes
         by_episodes = bool(limit) and ledger.episodes >= limit
         last = self.last_chunk
         return by_episodes or (last is not None and ledger.chunks >= last)
 
     def fraction(self, ledger: Ledger) -> float:
         """Share of the budget spent, 0 to 1."""
-        settings = self.course.stage
+        settings = self.course.budget
         shares = [1.0 if self.finished(ledger) else 0.0]
         if settings.episodes:
             shares.append(ledger.episodes / settings.episodes)
@@ -103,7 +103,7 @@ class StagePlan:
 def begin(plan: StagePlan, frozen: Parameters, key: jax.Array) -> StageProgress:
     """The stage before its first chunk."""
     state = stage.begin(plan.course, frozen, key)
-    return StageProgress(state=state, best=jax.device_get(state.learner.online))
+    return StageProgress(state=state, best=jax.device_get(stage.online(state.learners)))
 
 
 def advance(
@@ -118,16 +118,17 @@ def advance(
     score = _score(plan, ledger, validation)
     best = progress.best
     if score and score > ledger.best_score:
-        best = jax.device_get(state.learner.online)
+        best = jax.device_get(stage.online(state.learners))
         ledger = replace(ledger, best_score=score, best_chunk=ledger.chunks)
     line = _chunk_line(plan, ledger, metrics, lines, validation)
     return StageProgress(state, best, ledger), Report(line, lines)
 
 
-def result(progress: StageProgress, keep: str) -> Any:
-    """The parameters the stage hands on."""
+def result(progress: StageProgress, keep: str) -> Parameters:
+    """The parameters the stage hands on, by level that learnt."""
     if keep == "last" or not progress.ledger.best_score:
-        return jax.device_get(progress.state.learner.online)
+        last: Parameters = jax.device_get(stage.online(progress.state.learners))
+        return last
     return progress.best
 
 
@@ -137,7 +138,7 @@ def _booked(plan: StagePlan, ledger: Ledger, lines: list[dict[str, Any]]) -> Led
     return replace(
         ledger,
         chunks=ledger.chunks + 1,
-        decisions=ledger.decisions + stage.CHUNK * plan.course.stage.worlds,
+        decisions=ledger.decisions + stage.CHUNK * plan.course.budget.worlds,
         episodes=ledger.episodes + len(lines),
         recent=rewards[-RECENT:],
     )
@@ -150,13 +151,13 @@ def _validate(
     due = ledger.chunks % plan.validation_interval == 0 or plan.finished(ledger)
     if not due:
         return None
-    parameters = frozen | {plan.course.controller.learns: state.learner.online}
+    parameters = frozen | stage.online(state.learners)
     return drive.test(plan.validation, parameters, VALIDATION_SEED, plan.validation_episodes)
 
 
 def _score(plan: StagePlan, ledger: Ledger, validation: Episodes | None) -> tuple[float, ...]:
     """Score of the current weights by the stage's rule; empty where the rule has nothing to say."""
-    keep = plan.course.stage.keep
+    keep = plan.course.budget.keep
     if keep == "best-validation" and validation is not None:
         accidents = validation.accident > 0
         reward = float(np.mean(validation.accumulated_reward))
@@ -177,7 +178,7 @@ def _episode_lines(plan: StagePlan, ledger: Ledger, finished: Finished) -> list[
                 "stage": plan.name,
                 "episode": ledger.episodes + len(lines) + 1,
                 "decision": ledger.decisions
-                + int(iteration) * plan.course.stage.worlds
+                + int(iteration) * plan.course.budget.worlds
                 + int(world)
                 + 1,
                 "success": bool(finished.success[at]),
@@ -189,6 +190,27 @@ def _episode_lines(plan: StagePlan, ledger: Ledger, finished: Finished) -> list[
             }
         )
     return lines
+
+
+def _level_figures(plan: StagePlan, metrics: ChunkMetrics) -> dict[str, Any]:
+    """Figures of the levels that learn; those of all but the last carry the level's name."""
+
+    def finite(value: Any) -> float | None:
+        return float(value) if np.isfinite(value) else None
+
+    figures: dict[str, Any] = {}
+    names = [name for name, _ in plan.course.learning]
+    for name in names:
+        level = metrics.levels[name]
+        prefix = "" if name == names[-1] else f"{name}_"
+        figures |= {
+            f"{prefix}updates": int(level.updates),
+            f"{prefix}transitions": int(level.transitions),
+            f"{prefix}epsilon": float(level.epsilon),
+            f"{prefix}loss": finite(level.loss),
+            f"{prefix}mean_q": finite(level.mean_q),
+        }
+    return figures
 
 
 def _chunk_line(
@@ -203,20 +225,13 @@ def _chunk_line(
     def mean(values: list[float]) -> float | None:
         return float(np.mean(values)) if values else None
 
-    def finite(value: Any) -> float | None:
-        return float(value) if np.isfinite(value) else None
-
     line: dict[str, Any] = {
         "kind": "chunk",
         "stage": plan.name,
         "chunk": ledger.chunks,
         "decisions": ledger.decisions,
         "episodes": ledger.episodes,
-        "updates": int(metrics.updates),
-        "transitions": int(metrics.transitions),
-        "epsilon": float(metrics.epsilon),
-        "loss": finite(metrics.loss),
-        "mean_q": finite(metrics.mean_q),
+        **_level_figures(plan, metrics),
         "success_rate": mean([line["success"] for line in lines]),
         "accident_rate": mean([line["accident"] != "none" for line in lines]),
         "reward": mean([line["reward"] for line in lines]),

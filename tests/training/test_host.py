@@ -6,8 +6,8 @@ import jax
 import numpy as np
 import pytest
 
-from lanewise.training import progress as stages
-from lanewise.training.progress import Ledger, StagePlan, StageProgress
+from lanewise.training import host as stages
+from lanewise.training.host import Ledger, StagePlan, StageProgress
 from lanewise.training.rollout import Finished
 from lanewise.training.settings import StageSettings
 
@@ -16,12 +16,12 @@ CHUNK, WORLDS = stages.stage.CHUNK, 2
 
 def plan_of(keep, decisions=6 * CHUNK * WORLDS, episodes=0, interval=2):
     settings = StageSettings(decisions=decisions, episodes=episodes, worlds=WORLDS, keep=keep)
-    course = SimpleNamespace(stage=settings, controller=SimpleNamespace(learns="q"))
+    course = SimpleNamespace(budget=settings, learning=(("q", settings),))
     return StagePlan("step-1", course, None, 3, interval)
 
 
 def state_of(chunk):
-    return SimpleNamespace(learner=SimpleNamespace(online={"chunk": np.int32(chunk)}))
+    return SimpleNamespace(learners={"q": SimpleNamespace(online=np.int32(chunk))})
 
 
 def finished_of(endings):
@@ -50,7 +50,7 @@ def play(monkeypatch):
                 updates=0, transitions=0, epsilon=0.1, loss=np.nan, mean_q=np.nan
             )
             return state_of(len(done)), SimpleNamespace(
-                **vars(nothing), finished=finished_of(next(chunk_metrics))
+                levels={"q": nothing}, finished=finished_of(next(chunk_metrics))
             )
 
         def test(*_):
@@ -64,7 +64,7 @@ def play(monkeypatch):
         monkeypatch.setattr(stages.stage, "advance", advance)
         monkeypatch.setattr(stages.drive, "test", test)
         monkeypatch.setattr(jax, "device_get", lambda tree: tree)
-        progress, reports = StageProgress(state_of(0), {"chunk": np.int32(0)}), []
+        progress, reports = StageProgress(state_of(0), {"q": np.int32(0)}), []
         while not plan.finished(progress.ledger):
             progress, report = stages.advance(plan, {}, progress)
             reports.append(report)
@@ -74,7 +74,7 @@ def play(monkeypatch):
 
 
 def kept(progress, keep):
-    return int(stages.result(progress, keep)["chunk"])
+    return int(stages.result(progress, keep)["q"])
 
 
 def test_best_training_keeps_the_best_mean_of_the_last_ten_episodes(play):

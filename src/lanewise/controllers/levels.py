@@ -1,0 +1,105 @@
+"""The two levels of the paper: the high level sets goals, the low level drives to them."""
+
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from lanewise.controllers import goal_critic, goals
+from lanewise.controllers.controller import Feedback
+from lanewise.controllers.goal_critic import GoalMemory
+from lanewise.controllers.settings import GoalSettings
+from lanewise.driving import actions, observation
+from lanewise.driving.percept import Percept
+from lanewise.driving.settings import DrivingSettings
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class TwoLevelMemory:
+    """What a controller with goals remembers."""
+
+    goal: GoalMemory
+    """The goal under way."""
+    action: Array
+    """int32 [] what the low level chose last; a planner below the goals leaves it alone."""
+
+
+@dataclass(frozen=True)
+class HighLevel:
+    """Sets a goal whenever one is due; it sees the 26 features."""
+
+    goals: GoalSettings
+    name: str = "high_level"
+    feature_count: int = observation.SIZE
+
+    @property
+    def choice_count(self) -> int:
+        """High-level actions."""
+        return goals.action_count(self.goals)
+
+    def ready(self, memory: TwoLevelMemory) -> Array:
+        """When a goal is due."""
+        return memory.goal.due
+
+    def features(self, memory: TwoLevelMemory, percept: Percept) -> Array:
+        """The observation, [26]."""
+        return percept.features
+
+    def choose(self, memory: TwoLevelMemory, percept: Percept, choice: Array) -> TwoLevelMemory:
+        """A new goal, where one is due."""
+        return replace(memory, goal=goal_critic.renew(self.goals, memory.goal, percept, choice))
+
+
+@dataclass(frozen=True)
+class LowLevel:
+    """Chooses the low-level action; it sees the 26 features and the two of the goal."""
+
+    name: str = "low_level"
+    feature_count: int = observation.SIZE + goals.FEATURES
+    choice_count: int = actions.COUNT
+
+    def ready(self, memory: TwoLevelMemory) -> Array:
+        """At every decision."""
+        return jnp.asarray(True)
+
+    def features(self, memory: TwoLevelMemory, percept: Percept) -> Array:
+        """The observation and the goal features, [28]."""
+        return jnp.concatenate([percept.features, goals.features(memory.goal.goal, percept)])
+
+    def choose(self, memory: TwoLevelMemory, percept: Percept, choice: Array) -> TwoLevelMemory:
+        """The choice is the low-level action."""
+        return replace(memory, action=choice)
+
+
+def start(settings: GoalSettings, percept: Percept) -> TwoLevelMemory:
+    """No goal yet, and none chosen."""
+    return TwoLevelMemory(goal=goal_critic.start(settings, percept), action=jnp.int32(0))
+
+
+def review(
+    settings: GoalSettings,
+    driving: DrivingSettings,
+    renewal: str,
+    memory: TwoLevelMemory,
+    percept: Percept,
+) -> TwoLevelMemory:
+    """The goal critic looks at the goal."""
+    frequency = driving.decision_frequency
+    goal = goal_critic.review(settings, frequency, renewal, memory.goal, percept)
+    return replace(memory, goal=goal)
+
+
+def feedback(settings: GoalSettings, memory: TwoLevelMemory, percept: Percept) -> Feedback:
+    """How far from its goal the ego is, and whether that counts as reached."""
+    goal = memory.goal.goal
+    return Feedback(
+        distance=goals.tracking(goal, percept),
+        reached=goal_critic.reached(settings, goal, percept),
+    )
+
+
+def grown(memory: TwoLevelMemory) -> TwoLevelMemory:
+    """The memory one decision later."""
+    return replace(memory, goal=goal_critic.grown(memory.goal))

@@ -1,0 +1,1 @@
+"""Experiments as data: arms and seeds, run, resumed and read back."""

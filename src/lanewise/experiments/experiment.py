@@ -1,0 +1,208 @@
+"""An experiment as data: arms, seeds and settings, read from one TOML file.
+
+::
+
+    title = "…"                 shown in the report
+    preset = "quick"            training preset that every arm starts from
+    seeds = 5
+    episodes = 300              test episodes a seed in our world
+    highway_env_episodes = 100  the first of the same starts in highway-env; 0 for none
+
+    [arms.hierarchical]
+    title = "hierarchical"      in tables and figures
+    controller = "hierarchical" what is trained, or a reference driver
+    high_level = "planned"      optional: take over step 1 of this arm's run of the same seed
+    seeds = 1                   optional, as is episodes: instead of the experiment's
+    [arms.hierarchical.settings]
+    "low_level.tracking_weight" = 0.5
+
+Imports no JAX.
+"""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from lanewise import config
+from lanewise.config import PRESETS, Settings
+from lanewise.controllers.settings import REFERENCES
+from lanewise.errors import SettingsError
+from lanewise.names import look_up, nearest
+from lanewise.runs.folder import CONTROLLERS
+
+BUILT_IN = ("quick", "standard", "paper")
+"""Experiments that come with the package, each a file beside this one."""
+_LARGEST_FILE = 1_000_000
+_COUNTS = {"seeds": (1, 1000), "episodes": (1, 10_000_000), "highway_env_episodes": (0, 10_000_000)}
+
+
+@dataclass(frozen=True)
+class Arm:
+    """One controller under one set of settings."""
+
+    name: str
+    """Of its folder, and for ``--only``."""
+    title: str
+    """In tables and figures."""
+    controller: str
+    """What is trained, or a reference driver."""
+    changes: Mapping[str, object]
+    """Settings that differ from the experiment's preset, by dotted name."""
+    high_level: str = ""
+    """Arm whose step 1 is taken over; empty to train its own."""
+    seeds: int = 0
+    """Instead of the experiment's; 0 for those."""
+    episodes: int = 0
+    """Instead of the experiment's; 0 for those."""
+
+    @property
+    def trained(self) -> bool:
+        """Whether there is anything to train."""
+        return self.controller in CONTROLLERS
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Arms and seeds."""
+
+    name: str
+    title: str
+    preset: str
+    seeds: int
+    episodes: int
+    highway_env_episodes: int
+    arms: tuple[Arm, ...]
+
+    def settings(self, arm: Arm, trap: str, overrides: Mapping[str, object]) -> Settings:
+        """Every setting of an arm: preset < trap < the arm's own < ``overrides``.
+
+        Raises:
+            SettingsError: as `config.compose`, with the arm's name.
+        """
+        try:
+            changes = dict(arm.changes) | dict(overrides)
+            return config.compose(preset=self.preset, trap=trap, flags=changes)
+        except SettingsError as error:
+            raise SettingsError(f"arm {arm.name}: {error}") from error
+
+    def only(self, names: tuple[str, ...]) -> "Experiment":
+        """The experiment with these arms alone, and those whose step 1 they take over.
+
+        Raises:
+            SettingsError: there is no such arm.
+        """
+        known = {arm.name: arm for arm in self.arms}
+        wanted = {look_up("arm", name, known).name for name in names}
+        wanted |= {known[name].high_level for name in wanted} - {""}
+        return replace(self, arms=tuple(arm for arm in self.arms if arm.name in wanted))
+
+
+def load(name: str) -> Experiment:
+    """A built-in experiment.
+
+    Raises:
+        SettingsError: there is none of that name.
+    """
+    look_up("experiment", name, dict.fromkeys(BUILT_IN))
+    text = resources.files(__package__).joinpath(f"{name}.toml").read_text("utf-8")
+    return parse(name, text)
+
+
+def load_file(path: Path) -> Experiment:
+    """An experiment of the user's own.
+
+    Raises:
+        SettingsError: it cannot be read, or something in it is wrong.
+    """
+    try:
+        if path.stat().st_size > _LARGEST_FILE:
+            raise SettingsError(f"{path}: larger than an experiment can be")
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8 text"
+        raise SettingsError(f"cannot read experiment {path}: {reason}") from error
+    try:
+        return parse(path.stem, text)
+    except SettingsError as error:
+        raise SettingsError(f"{path}: {error}") from error
+
+
+def parse(name: str, text: str) -> Experiment:
+    """The experiment that a TOML text describes.
+
+    Raises:
+        SettingsError: says what is wrong with it.
+    """
+    try:
+        table = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise SettingsError(f"not valid TOML: {' '.join(str(error).split())[:120]}") from error
+    _known(table, ("title", "preset", *_COUNTS, "arms"), "an experiment")
+    counts = {key: _count(table, key) for key in _COUNTS}
+    arms = _table(table, "arms")
+    if not arms:
+        raise SettingsError("an experiment needs at least one [arms.NAME]")
+    parsed = tuple(_arm(arm, _table(arms, arm)) for arm in arms)
+    preset = _text(table, "preset", "quick")
+    look_up("preset", preset, PRESETS)
+    found = Experiment(name, _text(table, "title", name), preset, arms=parsed, **counts)
+    for arm in parsed:
+        _check_high_level(arm, {other.name: other for other in parsed})
+        found.settings(arm, "trap-10", {})
+    return found
+
+
+def _arm(name: str, table: Mapping[str, Any]) -> Arm:
+    if not name.replace("-", "").isalnum() or not name.isascii():
+        raise SettingsError(f'arm "{name[:80]}": a name holds letters, digits and dashes')
+    own = ("seeds", "episodes")
+    _known(table, ("title", "controller", "high_level", "settings", *own), f"arm {name}")
+    controller = _text(table, "controller", "")
+    kinds = dict.fromkeys((*CONTROLLERS, *REFERENCES))
+    look_up("controller", controller, kinds)
+    changes = _table(table, "settings") if "settings" in table else {}
+    title = _text(table, "title", name)
+    counts = {key: _count(table, key) for key in own if key in table}
+    return Arm(name, title, controller, changes, _text(table, "high_level", ""), **counts)
+
+
+def _check_high_level(arm: Arm, arms: Mapping[str, Arm]) -> None:
+    if not arm.high_level:
+        return
+    if arm.high_level not in arms:
+        raise SettingsError(f'arm {arm.name}: high_level "{arm.high_level[:80]}" is no arm')
+    with_step_1 = ("hierarchical", "planned")
+    if {arm.controller, arms[arm.high_level].controller} - set(with_step_1):
+        raise SettingsError(f"arm {arm.name}: only {' and '.join(with_step_1)} have a step 1")
+
+
+def _known(table: Mapping[str, Any], names: tuple[str, ...], owner: str) -> None:
+    for key in table:
+        if key not in names:
+            hint = nearest(key, dict.fromkeys(names)) or "known: " + ", ".join(names)
+            raise SettingsError(f'{owner} has no "{key[:80]}"; {hint}')
+
+
+def _count(table: Mapping[str, Any], key: str) -> int:
+    low, high = _COUNTS[key]
+    value = table.get(key)
+    if type(value) is not int or not low <= value <= high:
+        raise SettingsError(f"{key}: expected a whole number from {low} to {high}")
+    return value
+
+
+def _text(table: Mapping[str, Any], key: str, default: str) -> str:
+    value = table.get(key, default)
+    if not isinstance(value, str):
+        raise SettingsError(f"{key}: expected text")
+    return value
+
+
+def _table(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    value = table.get(key, {})
+    if not isinstance(value, Mapping):
+        raise SettingsError(f"{key}: expected a table")
+    return value

@@ -1,0 +1,113 @@
+"""What an experiment has left on disk, arm by arm and seed by seed."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from lanewise.evaluation.episodes import Recording
+from lanewise.experiments import testing, work
+from lanewise.experiments.experiment import Arm, Experiment
+from lanewise.experiments.work import Job, Test
+from lanewise.runs import metrics, trained
+from lanewise.runs.trained import Trained
+
+WORLDS = ("lanewise", "highway-env")
+
+
+@dataclass(frozen=True)
+class SeedResult:
+    """One finished job."""
+
+    job: Job
+    tests: Mapping[str, Test]
+    """By world."""
+
+    @cached_property
+    def lines(self) -> list[dict[str, Any]]:
+        """The metrics of its training; none for a reference driver."""
+        return metrics.read(self.job.path / "metrics.jsonl") if self.job.trains else []
+
+    @property
+    def controller(self) -> Trained:
+        """The controller that was tested."""
+        if self.job.trains:
+            return trained.load(self.job.path)
+        return Trained(self.job.controller, self.job.settings, self.job.seed, {})
+
+    def record(self, episode: int = 0) -> Recording:
+        """A test episode in our world, driven once more with every frame kept."""
+        return testing.record(self.controller, "lanewise", self.job.seed, episode)
+
+
+@dataclass(frozen=True)
+class ArmResult:
+    """An arm with all its finished seeds."""
+
+    arm: Arm
+    seeds: tuple[SeedResult, ...]
+
+    def tests(self, world: str) -> list[Test]:
+        """The tests of all seeds in a world, in their order."""
+        return [seed.tests[world] for seed in self.seeds if world in seed.tests]
+
+
+def jobs(
+    experiment: Experiment,
+    out: Path,
+    first_seed: int,
+    trap: str,
+    overrides: Mapping[str, object],
+) -> list[Job]:
+    """Every job of an experiment, seed by seed within each arm.
+
+    Args:
+        experiment: arms and seeds.
+        out: its folder.
+        first_seed: the first of its seeds.
+        trap: scenario preset.
+        overrides: settings of the user's, by dotted name; they win over the arms'.
+    """
+    found = []
+    for arm in experiment.arms:
+        settings = experiment.settings(arm, trap, overrides)
+        for seed in range(first_seed, first_seed + (arm.seeds or experiment.seeds)):
+            episodes = {
+                "lanewise": arm.episodes or experiment.episodes,
+                "highway-env": experiment.highway_env_episodes,
+            }
+            found.append(
+                Job(
+                    arm=arm.name,
+                    controller=arm.controller,
+                    trains=arm.trained,
+                    settings=settings,
+                    seed=seed,
+                    path=_path(out, arm.name, seed),
+                    high_level=_path(out, arm.high_level, seed) if arm.high_level else None,
+                    episodes={world: count for world, count in episodes.items() if count},
+                )
+            )
+    return found
+
+
+def collect(experiment: Experiment, jobs: Sequence[Job]) -> list[ArmResult]:
+    """The finished jobs by arm; arms with none are left out."""
+    found = []
+    for arm in experiment.arms:
+        seeds = tuple(
+            SeedResult(job, _tests(job)) for job in jobs if job.arm == arm.name and job.done
+        )
+        if seeds:
+            found.append(ArmResult(arm, seeds))
+    return found
+
+
+def _tests(job: Job) -> dict[str, Test]:
+    tests = {world: work.read_test(job.path, world) for world in job.episodes}
+    return {world: test for world, test in tests.items() if test is not None}
+
+
+def _path(out: Path, arm: str, seed: int) -> Path:
+    return out / "runs" / arm / f"seed-{seed}"

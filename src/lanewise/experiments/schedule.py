@@ -1,0 +1,125 @@
+"""Runs the jobs of an experiment in processes of their own, as many at once as there are cores."""
+
+import os
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing import get_context
+from typing import TextIO, cast
+
+from lanewise.errors import RunError
+from lanewise.experiments import work
+from lanewise.experiments.work import Job
+from lanewise.progress import Progress, duration
+
+ONE_THREAD = "--xla_cpu_multi_thread_eigen=false"
+"""Each job computes on one core, so that two jobs do not fight for two."""
+
+Times = dict[str, float]
+
+
+def run(jobs: Sequence[Job], processes: int, stream: TextIO) -> Times:
+    """Do every job that is not done; those that lend their step 1 go first.
+
+    Args:
+        jobs: of all arms and seeds.
+        processes: how many at once.
+        stream: for progress.
+
+    Returns:
+        Seconds by part of the work.
+
+    Raises:
+        RunError: a process was killed.
+    """
+    left = [job for job in jobs if not job.done]
+    if skipped := len(jobs) - len(left):
+        stream.write(f"{skipped} of {len(jobs)} done before\n")
+    times: Times = {}
+    began, count = time.monotonic(), len(left)
+    try:
+        with _one_thread_each(), _pool(min(processes, max(1, count))) as pool:
+            for job, took in _completed(pool, left, processes):
+                times |= took
+                count -= 1
+                share = 1 - count / len(left)
+                remaining = (time.monotonic() - began) * (1 - share) / share
+                after = f", about {duration(remaining)} left" if count else ""
+                stream.write(f"[{len(left) - count}/{len(left)}] {job.label} done{after}\n")
+                stream.flush()
+    except BrokenProcessPool:
+        raise RunError(
+            "a process was killed, perhaps for want of memory; the same command continues"
+        ) from None
+    return times
+
+
+def _completed(
+    pool: ProcessPoolExecutor, jobs: Sequence[Job], processes: int
+) -> Iterator[tuple[Job, Times]]:
+    """Jobs as they are completed; none begins before the run that lends it its step 1 is done."""
+    waiting = list(jobs)
+    busy: dict[Future[Times], Job] = {}
+    while waiting or busy:
+        unfinished = {job.path for job in (*waiting, *busy.values())}
+        ready = [job for job in waiting if job.high_level not in unfinished]
+        for job in ready[: processes - len(busy)]:
+            waiting.remove(job)
+            # With many jobs a line now and then from each is enough.
+            busy[pool.submit(_work, job, 10.0 if len(jobs) <= processes else 60.0)] = job
+        for future in wait(busy, return_when=FIRST_COMPLETED).done:
+            yield busy.pop(future), future.result()
+
+
+def _work(job: Job, interval: float) -> Times:
+    """A job, in a process of its own, with a line about it every so many seconds."""
+    stream = cast(TextIO, _Prefixed(sys.stderr, f"[{job.label}] "))
+    with Progress(stream=stream, interval=interval) as reporter:
+        return work.run(job, reporter)
+
+
+@contextmanager
+def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes that begin afresh; after an error or a Ctrl-C nothing new is begun."""
+    pool = ProcessPoolExecutor(processes, get_context("spawn"))
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """While processes start: their XLA computes on one thread."""
+    before = os.environ.get("XLA_FLAGS")
+    os.environ["XLA_FLAGS"] = f"{before or ''} {ONE_THREAD}".strip()
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["XLA_FLAGS"]
+        else:
+            os.environ["XLA_FLAGS"] = before
+
+
+class _Prefixed:
+    """A text stream that writes each line with a prefix; processes share one standard error."""
+
+    def __init__(self, stream: TextIO, prefix: str) -> None:
+        self._stream = stream
+        self._prefix = prefix
+
+    def write(self, text: str) -> int:
+        """Write whole lines at once, so that two processes do not mix theirs."""
+        return self._stream.write("".join(f"{self._prefix}{line}\n" for line in text.splitlines()))
+
+    def flush(self) -> None:
+        """Pass it on."""
+        self._stream.flush()
+
+    def isatty(self) -> bool:
+        """Never: two bars would fight for one terminal."""
+        return False

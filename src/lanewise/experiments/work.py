@@ -1,0 +1,140 @@
+"""One arm with one seed: train it or continue, then test it in both worlds. Files, no report."""
+
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lanewise.config import Settings
+from lanewise.errors import RunError
+from lanewise.evaluation import metrics
+from lanewise.evaluation.episodes import Episodes
+from lanewise.evaluation.metrics import Summary
+from lanewise.experiments import testing
+from lanewise.progress import Progress
+from lanewise.runs import trained
+from lanewise.runs.files import write_atomically
+from lanewise.runs.folder import RunFolder
+from lanewise.runs.train import train
+from lanewise.runs.trained import Trained
+
+TESTS = "tests"
+"""Folder of a run that holds its tests."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """An arm with a seed."""
+
+    arm: str
+    controller: str
+    """What is trained, or a reference driver."""
+    trains: bool
+    """Whether there is anything to train."""
+    settings: Settings
+    seed: int
+    """Of the training, and of the test starts."""
+    path: Path
+    """Run folder."""
+    high_level: Path | None
+    """Run whose step 1 is taken over."""
+    episodes: dict[str, int]
+    """Test episodes by world; worlds with none are left out."""
+
+    @property
+    def label(self) -> str:
+        """How people call it."""
+        return f"{self.arm}, seed {self.seed}"
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing of it is left to do."""
+        return all(is_tested(self.path, world, n) for world, n in self.episodes.items())
+
+
+@dataclass(frozen=True)
+class Test:
+    """What a test left on disk."""
+
+    summary: Summary
+    episodes: Episodes
+    seconds: float
+    """Wall time of the test."""
+
+
+def check(job: Job) -> None:
+    """Refuses a run folder that was made with other settings.
+
+    Raises:
+        RunError: says which differ.
+    """
+    if (job.path / "run.json").exists():
+        RunFolder.resume(job.path, job.settings, job.controller, job.seed).close()
+
+
+def run(job: Job, reporter: Progress) -> dict[str, float]:
+    """Do what is left of a job; the seconds each part took now."""
+    times = {}
+    if job.trains:
+        with _folder(job) as folder:
+            if not trained.is_finished(folder):
+                began = time.monotonic()
+                train(folder, job.high_level, reporter)
+                times[f"train {job.label}"] = time.monotonic() - began
+        controller = trained.load(job.path)
+    else:
+        controller = Trained(job.controller, job.settings, job.seed, {})
+    for world, count in job.episodes.items():
+        if not is_tested(job.path, world, count):
+            began = time.monotonic()
+            episodes = testing.test(controller, world, count, job.seed, reporter)
+            seconds = time.monotonic() - began
+            times[f"test {job.label} in {world}"] = seconds
+            _store(job.path, controller.name, world, episodes, seconds)
+    return times
+
+
+def _folder(job: Job) -> RunFolder:
+    """The run's folder, to be continued or new."""
+    if (job.path / "run.json").exists():
+        return RunFolder.resume(job.path, job.settings, job.controller, job.seed)
+    return RunFolder.create(job.path, job.settings, job.controller, job.seed)
+
+
+def is_tested(path: Path, world: str, count: int) -> bool:
+    """Whether a run has a test of that many episodes."""
+    file = path / TESTS / f"{world}.json"
+    return file.exists() and _read(file)["summary"]["episodes"] == count
+
+
+def read_test(path: Path, world: str) -> Test | None:
+    """A stored test, None where there is none.
+
+    Raises:
+        RunError: its files are damaged.
+    """
+    file = path / TESTS / f"{world}.json"
+    if not file.exists():
+        return None
+    stored = _read(file)
+    episodes = metrics.from_csv((path / TESTS / f"{world}.csv").read_text("utf-8"))
+    return Test(Summary.from_json(stored["summary"]), episodes, stored["seconds"])
+
+
+def _store(path: Path, name: str, world: str, episodes: Episodes, seconds: float) -> None:
+    summary = metrics.summarise(episodes, controller=name, world=world).to_json()
+    text = json.dumps({"summary": summary, "seconds": round(seconds, 2)}, indent=1) + "\n"
+    folder = path / TESTS
+    folder.mkdir(parents=True, exist_ok=True)
+    contents = {f"{world}.csv": metrics.to_csv(episodes), f"{world}.json": text}
+    write_atomically(folder, {name: value.encode() for name, value in contents.items()})
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        stored: dict[str, Any] = json.loads(file.read_text("utf-8"))
+        _ = stored["summary"]["episodes"], stored["seconds"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise RunError(f"{file} is damaged; delete it, and the test is driven again") from error
+    return stored

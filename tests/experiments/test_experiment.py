@@ -1,0 +1,116 @@
+"""Experiments as data: what the built-in ones say, and what is refused."""
+
+import tomllib
+from importlib import resources
+
+import pytest
+
+from lanewise import config
+from lanewise.errors import SettingsError
+from lanewise.experiments import experiment
+from lanewise.experiments.experiment import BUILT_IN
+
+HEAD = 'preset = "quick"\nseeds = 2\nepisodes = 3\nhighway_env_episodes = 0\n'
+ARM = '[arms.a]\ncontroller = "single-level"\n'
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_built_in_experiments_are_whole(name):
+    found = experiment.load(name)
+    file = resources.files(experiment.__package__).joinpath(f"{name}.toml")
+    stored = tomllib.loads(file.read_text())
+    assert [arm.name for arm in found.arms] == list(stored["arms"])
+    assert found.seeds == (1 if name == "quick" else 5)
+    assert len({arm.title for arm in found.arms}) == len(found.arms)
+    for arm in found.arms:
+        settings = found.settings(arm, "trap-10", {})
+        flat = config.flatten(settings)
+        for setting, value in arm.changes.items():
+            assert flat[setting] == value
+            assert config.flatten(config.compose(found.preset))[setting] != value
+
+
+@pytest.mark.parametrize("name", ["standard", "paper"])
+def test_the_large_ones_hold_every_arm_of_the_paper_and_the_sceptics(name):
+    arms = {arm.name: arm for arm in experiment.load(name).arms}
+    assert {arm.controller for arm in arms.values()} >= {
+        *("planned", "hierarchical", "h-dqn", "single-level", "rule-based")
+    }
+    schedules = []
+    for arm in ("single-level", "single-level-from-1", "single-level-over-5000"):
+        found = experiment.load(name).settings(arms[arm], "trap-10", {}).single_level
+        # At the reduced budget a step of the paper is one in each of the worlds.
+        worlds = found.worlds if name == "standard" else 1
+        schedules.append((found.exploration.start, found.exploration.steps / worlds))
+    assert schedules == [(0.5, 1000), (1.0, 1000), (0.5, 5000)]
+
+
+def test_the_papers_size():
+    """2000 episodes, 1000 for step 1, at most 250 decisions each, for every arm that learns."""
+    found = experiment.load("paper")
+    for arm in found.arms:
+        settings = found.settings(arm, "trap-10", {})
+        budgets = {
+            "single-level": [(settings.single_level, 2000)],
+            "planned": [(settings.high_level, 1000)],
+            "hierarchical": [(settings.low_level, 2000)],
+            "h-dqn": [(settings.h_dqn, 2000)],
+        }.get(arm.controller, [])
+        for budget, episodes in budgets:
+            assert (budget.episodes, budget.decisions, budget.duration) == (episodes, 0, 250)
+
+
+@pytest.mark.parametrize(
+    ("text", "hint"),
+    [
+        ("[[", "not valid TOML"),
+        (HEAD, "needs at least one [arms.NAME]"),
+        (HEAD.replace("seeds = 2", "seed = 2") + ARM, 'has no "seed"; did you mean seeds?'),
+        (HEAD.replace("seeds = 2", "seeds = 0") + ARM, "seeds: expected a whole number from 1"),
+        (HEAD.replace("seeds = 2", "seeds = true") + ARM, "seeds: expected a whole number"),
+        (HEAD.replace('"quick"', '"quik"') + ARM, 'unknown preset "quik"; did you mean quick?'),
+        (HEAD + ARM.replace("single-level", "singel-level"), "did you mean single-level?"),
+        (HEAD + ARM + 'titel = "x"\n', 'arm a has no "titel"; did you mean title?'),
+        (HEAD + ARM + "title = 3\n", "title: expected text"),
+        (HEAD + ARM + 'high_level = "b"\n', 'arm a: high_level "b" is no arm'),
+        (HEAD + ARM + 'high_level = "a"\n', "only hierarchical and planned have a step 1"),
+        (
+            HEAD + ARM + '[arms.a.settings]\n"goals.speed_stp" = 1.0\n',
+            "did you mean goals.speed_step",
+        ),
+        (HEAD + ARM + '[arms.a.settings]\n"scenario.lanes" = 0\n', "arm a: scenario.lanes"),
+        (HEAD + ARM.replace("arms.a", 'arms."../a"'), "a name holds letters, digits and dashes"),
+        (HEAD + "arms = 3\n", "arms: expected a table"),
+    ],
+)
+def test_refusals(text, hint):
+    with pytest.raises(SettingsError) as caught:
+        experiment.parse("mine", text)
+    assert hint in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    with pytest.raises(SettingsError, match=r"none\.toml: No such file"):
+        experiment.load_file(tmp_path / "none.toml")
+    (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(SettingsError, match="not UTF-8"):
+        experiment.load_file(tmp_path / "bytes.toml")
+    (tmp_path / "wrong.toml").write_text(HEAD)
+    with pytest.raises(SettingsError, match=r"wrong\.toml: an experiment needs"):
+        experiment.load_file(tmp_path / "wrong.toml")
+
+
+def test_settings_of_an_arm_lose_against_the_users():
+    found = experiment.parse("mine", HEAD + ARM + '[arms.a.settings]\n"single_level.worlds" = 4\n')
+    (arm,) = found.arms
+    assert found.settings(arm, "trap-10.9", {}).single_level.worlds == 4
+    assert found.settings(arm, "trap-10.9", {}).scenario.trap_speed == 10.9
+    assert found.settings(arm, "trap-10", {"single_level.worlds": 8}).single_level.worlds == 8
+
+
+def test_only_some_arms_bring_those_they_borrow_from():
+    found = experiment.load("standard").only(("hierarchical",))
+    assert [arm.name for arm in found.arms] == ["planned", "hierarchical"]
+    with pytest.raises(SettingsError, match="did you mean h-dqn"):
+        experiment.load("standard").only(("hdqn",))

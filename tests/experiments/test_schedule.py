@@ -1,0 +1,120 @@
+"""Jobs of an experiment: their order, what is skipped, what is left behind."""
+
+import io
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lanewise.errors import RunError
+from lanewise.experiments import experiment, results, schedule, work
+from lanewise.runs import trained
+
+TINY = {
+    "evaluation.duration": 2,
+    "evaluation.validation_episodes": 2,
+    "planner.preview": 2,
+    **{
+        f"{stage}.{name}": value
+        for stage in ("single_level", "high_level", "low_level")
+        for name, value in (
+            ("decisions", 100),
+            ("worlds", 2),
+            ("learner.hidden", (8,)),
+            ("learner.warm_up", 50),
+        )
+    },
+}
+TEXT = """
+title = "tiny"
+preset = "quick"
+seeds = 2
+episodes = 3
+highway_env_episodes = 0
+[arms.hierarchical]
+controller = "hierarchical"
+high_level = "planned"
+[arms.planned]
+controller = "planned"
+[arms.rule-based]
+controller = "rule-based"
+seeds = 1
+episodes = 2
+"""
+
+
+@pytest.fixture
+def tiny(tmp_path):
+    found = experiment.parse("tiny", TEXT)
+    return found, results.jobs(found, tmp_path, 5, "trap-10", TINY)
+
+
+def test_jobs_are_arms_times_seeds(tiny, tmp_path):
+    _, jobs = tiny
+    assert [job.label for job in jobs] == [
+        *("hierarchical, seed 5", "hierarchical, seed 6", "planned, seed 5", "planned, seed 6"),
+        "rule-based, seed 5",
+    ]
+    assert jobs[0].high_level == jobs[2].path == tmp_path / "runs" / "planned" / "seed-5"
+    assert [sum(job.episodes.values()) for job in jobs] == [3, 3, 3, 3, 2]
+    assert [job.trains for job in jobs] == [True] * 4 + [False]
+
+
+def test_none_begins_before_the_one_it_borrows_from(tiny, monkeypatch):
+    _, jobs = tiny
+    order = []
+
+    def fake(job, interval):
+        order.append(job.label)
+        return {job.label: 1.0}
+
+    monkeypatch.setattr(schedule, "_work", fake)
+    with ThreadPoolExecutor(1) as pool:
+        done = [job.label for job, _ in schedule._completed(pool, jobs, 1)]
+    assert done == order
+    assert len(order) == 5
+    for seed in (5, 6):
+        assert order.index(f"planned, seed {seed}") < order.index(f"hierarchical, seed {seed}")
+
+
+def test_a_whole_tiny_experiment_is_done_once(tiny):
+    """Trained, tested, collected; a second run finds nothing to do."""
+    found, jobs = tiny
+    log = io.StringIO()
+    times = schedule.run(jobs, 1, log)
+    assert "[5/5]" in log.getvalue()
+    assert sum(name.startswith("train") for name in times) == 4
+    assert all(job.done for job in jobs)
+    before = {path: path.stat().st_mtime_ns for path in jobs[0].path.parents[1].rglob("*.json")}
+    again = io.StringIO()
+    assert schedule.run(jobs, 1, again) == {}
+    assert "5 of 5 done before" in again.getvalue()
+    assert before == {path: path.stat().st_mtime_ns for path in before}
+
+    collected = results.collect(found, jobs)
+    assert [len(arm.seeds) for arm in collected] == [2, 2, 1]
+    lent, taken = (trained.load(job.path).parameters["high_level"] for job in (jobs[2], jobs[0]))
+    np.testing.assert_array_equal(lent[0][0], taken[0][0])
+    (reference,) = collected[2].tests("lanewise")
+    assert reference.summary.controller == "rule-based"
+    assert len(reference.episodes) == reference.summary.episodes == 2
+    assert collected[0].seeds[0].lines
+    assert collected[2].seeds[0].lines == []
+    # More episodes are a new test; the training stays.
+    more = [replace(jobs[4], episodes={"lanewise": 3})]
+    assert list(schedule.run(more, 1, io.StringIO())) == ["test rule-based, seed 5 in lanewise"]
+
+    (jobs[0].path / "tests" / "lanewise.json").write_text("{")
+    with pytest.raises(RunError, match="delete it"):
+        _ = jobs[0].done
+
+
+def test_other_settings_are_refused_before_any_work(tiny):
+    found, jobs = tiny
+    work.run(jobs[2], work.Progress(stream=io.StringIO()))
+    changed = results.jobs(
+        found, jobs[2].path.parents[2], 5, "trap-10", TINY | {"goals.time_limit": 4.0}
+    )
+    with pytest.raises(RunError, match=r"goals\.time_limit is 3"):
+        work.check(changed[2])
