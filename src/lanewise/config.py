@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from lanewise.controllers.settings import GoalSettings, PlannerSettings
+from lanewise.controllers.settings import GoalSettings, PlannerSettings, SearchSettings
 from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import SettingsError
 from lanewise.evaluation.settings import EvaluationSettings
@@ -44,6 +44,8 @@ class Settings:
     """What the high level may ask for."""
     planner: PlannerSettings = field(default_factory=PlannerSettings)
     """The rule-based planner of step 1."""
+    search: SearchSettings = field(default_factory=SearchSettings)
+    """The search over the nine actions, a reference."""
     evaluation: EvaluationSettings = field(default_factory=EvaluationSettings)
     """How controllers are tested, and how weights are chosen."""
     single_level: SingleLevelSettings = field(

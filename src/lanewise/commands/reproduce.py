@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from lanewise import config
 from lanewise.commands.arguments import Parsed
@@ -102,20 +102,14 @@ def _experiment(command: Reproduce) -> Experiment:
         found = experiments.load_file(command.experiment)
     else:
         found = experiments.load(command.preset)
-    own = {
+    given = {
         name: getattr(command, name)
         for name in ("seeds", "episodes", "highway_env_episodes")
         if getattr(command, name) is not None
     }
-    arms = tuple(
-        replace(
-            arm,
-            seeds=0 if "seeds" in own else arm.seeds,
-            episodes=0 if "episodes" in own else arm.episodes,
-        )
-        for arm in found.arms
-    )
-    return replace(found, arms=arms, **own)
+    nothing_of_its_own: dict[str, Any] = dict.fromkeys(given)
+    arms = tuple(replace(arm, **nothing_of_its_own) for arm in found.arms)
+    return replace(found, arms=arms, **given)
 
 
 def _overrides(parsed: Parsed[Reproduce]) -> Mapping[str, object]:

@@ -39,6 +39,15 @@ class GoalSettings:
 
 
 @dataclass(frozen=True)
+class SearchSettings:
+    """The search over the nine actions, a reference that sees the future."""
+
+    per_class: Annotated[int, Between(1, 1000)] = 3
+    """Drives kept of each class of states: lane, side of its centre, speed, place beside the
+    trap."""
+
+
+@dataclass(frozen=True)
 class PlannerSettings:
     """The rule-based planner: it previews the next decisions and takes the best first action."""
 

@@ -30,10 +30,12 @@ class Percept:
     """int32 [] nearest lane."""
     road: Road
     """The lanes."""
+    world: World | None = None
+    """Everybody on the road: privileged, there in tests alone, read by reference drivers alone."""
 
 
-def of(settings: ObservationSettings, world: World) -> Percept:
-    """The percept of the ego in ``world``."""
+def of(settings: ObservationSettings, world: World, *, privileged: bool = False) -> Percept:
+    """The percept of the ego in ``world``, with the world itself if ``privileged``."""
     vehicles = world.vehicles
     return Percept(
         features=observation.features(settings, world),
@@ -43,4 +45,5 @@ def of(settings: ObservationSettings, world: World) -> Percept:
         speed=vehicles.speed[0],
         lane=road.closest_lane(world.road, vehicles.x[0], vehicles.y[0]),
         road=world.road,
+        world=world if privileged else None,
     )

@@ -12,7 +12,7 @@
     title = "hierarchical"      in tables and figures
     controller = "hierarchical" what is trained, or a reference driver
     high_level = "planned"      optional: take over step 1 of this arm's run of the same seed
-    seeds = 1                   optional, as is episodes: instead of the experiment's
+    seeds = 1                   optional, as are both numbers of episodes: instead of those above
     [arms.hierarchical.settings]
     "low_level.tracking_weight" = 0.5
 
@@ -53,10 +53,12 @@ class Arm:
     """Settings that differ from the experiment's preset, by dotted name."""
     high_level: str = ""
     """Arm whose step 1 is taken over; empty to train its own."""
-    seeds: int = 0
-    """Instead of the experiment's; 0 for those."""
-    episodes: int = 0
-    """Instead of the experiment's; 0 for those."""
+    seeds: int | None = None
+    """Instead of the experiment's."""
+    episodes: int | None = None
+    """Instead of the experiment's."""
+    highway_env_episodes: int | None = None
+    """Instead of the experiment's."""
 
     @property
     def trained(self) -> bool:
@@ -87,6 +89,12 @@ class Experiment:
             return config.compose(preset=self.preset, trap=trap, flags=changes)
         except SettingsError as error:
             raise SettingsError(f"arm {arm.name}: {error}") from error
+
+    def count(self, arm: Arm, what: str) -> int:
+        """``seeds``, ``episodes`` or ``highway_env_episodes`` of an arm: its own or the common."""
+        own: int | None = getattr(arm, what)
+        common: int = getattr(self, what)
+        return common if own is None else own
 
     def only(self, names: tuple[str, ...]) -> "Experiment":
         """The experiment with these arms alone, and those whose step 1 they take over.
@@ -158,14 +166,13 @@ def parse(name: str, text: str) -> Experiment:
 def _arm(name: str, table: Mapping[str, Any]) -> Arm:
     if not name.replace("-", "").isalnum() or not name.isascii():
         raise SettingsError(f'arm "{name[:80]}": a name holds letters, digits and dashes')
-    own = ("seeds", "episodes")
-    _known(table, ("title", "controller", "high_level", "settings", *own), f"arm {name}")
+    _known(table, ("title", "controller", "high_level", "settings", *_COUNTS), f"arm {name}")
     controller = _text(table, "controller", "")
     kinds = dict.fromkeys((*CONTROLLERS, *REFERENCES))
     look_up("controller", controller, kinds)
     changes = _table(table, "settings") if "settings" in table else {}
     title = _text(table, "title", name)
-    counts = {key: _count(table, key) for key in own if key in table}
+    counts = {key: _count(table, key) for key in _COUNTS if key in table}
     return Arm(name, title, controller, changes, _text(table, "high_level", ""), **counts)
 
 

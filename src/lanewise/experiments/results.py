@@ -72,10 +72,10 @@ def jobs(
     found = []
     for arm in experiment.arms:
         settings = experiment.settings(arm, trap, overrides)
-        for seed in range(first_seed, first_seed + (arm.seeds or experiment.seeds)):
+        for seed in range(first_seed, first_seed + experiment.count(arm, "seeds")):
             episodes = {
-                "lanewise": arm.episodes or experiment.episodes,
-                "highway-env": experiment.highway_env_episodes,
+                "lanewise": experiment.count(arm, "episodes"),
+                "highway-env": experiment.count(arm, "highway_env_episodes"),
             }
             found.append(
                 Job(

@@ -68,8 +68,7 @@ def _drive(course: TestCourse, parameters: Parameters, seed: int, index: int) ->
     world = jax.device_get(drive.start(course, seed, index))
     env = _live(course, world)
     state = episode.begin(_single(highway_env.read_world(env)))
-    seen = percept.of(course.driving.observation, state.world)
-    memory = course.controller.start(seen)
+    memory = _start(course, state.world)
     sums = drive.nothing_yet()
     theirs = env.observation_type.observe()
     frames = []
@@ -109,12 +108,19 @@ def _single(world: World) -> World:
 
 
 @partial(jax.jit, static_argnums=0)
+def _start(course: TestCourse, world: World) -> Any:
+    """The controller's memory at the start."""
+    seen = percept.of(course.driving.observation, world, privileged=True)
+    return course.controller.start(seen)
+
+
+@partial(jax.jit, static_argnums=0)
 def _decide(
     course: TestCourse, parameters: Parameters, state: Episode, memory: Any
 ) -> tuple[Array, Any, Array]:
     """(action, memory, the observation highway-env should have made, [5, 5])."""
     settings = course.driving.observation
-    seen = percept.of(settings, state.world)
+    seen = percept.of(settings, state.world, privileged=True)
     action, memory, _ = controllers.act(course.controller, parameters, memory, seen)
     theirs = replace(settings, scaling="highway-env", perception_distance=200.0)
     features = observation.features(theirs, state.world)

@@ -7,10 +7,11 @@ from lanewise.controllers.controller import Controller
 from lanewise.controllers.hierarchical import Hierarchical
 from lanewise.controllers.planned import Planned
 from lanewise.controllers.rule_based import RuleBased
-from lanewise.controllers.settings import GoalSettings, PlannerSettings
+from lanewise.controllers.search import Search
+from lanewise.controllers.settings import GoalSettings, PlannerSettings, SearchSettings
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.settings import DrivingSettings
-from lanewise.evaluation.drive import TestCourse
+from lanewise.evaluation.drive import BLOCK, TestCourse
 from lanewise.evaluation.settings import EvaluationSettings
 from lanewise.scenario.settings import TrapSettings
 from lanewise.training.rollout import Course
@@ -41,6 +42,10 @@ class RecipeSettings(Protocol):
     @property
     def planner(self) -> PlannerSettings:
         """The planner of step 1."""
+
+    @property
+    def search(self) -> SearchSettings:
+        """The search, a reference."""
 
     @property
     def evaluation(self) -> EvaluationSettings:
@@ -100,6 +105,8 @@ def controller(settings: RecipeSettings, name: str, renewal: str) -> Controller:
             return SingleLevel(settings.single_level.hold)
         case "rule-based":
             return RuleBased()
+        case "search":
+            return Search(driving, settings.search, test_duration(settings))
     raise ValueError(f"no controller is called {name}")
 
 
@@ -144,5 +151,11 @@ def test_course(settings: RecipeSettings, name: str, renewal: str | None = None)
         scenario=scenario,
         driving=settings.driving,
         controller=controller(settings, name, renewal or settings.goals.test_renewal),
-        duration=settings.evaluation.duration * settings.driving.decision_frequency,
+        duration=test_duration(settings),
+        at_once=1 if name == "search" else BLOCK,
     )
+
+
+def test_duration(settings: RecipeSettings) -> int:
+    """Length of a test in decisions."""
+    return settings.evaluation.duration * settings.driving.decision_frequency
