@@ -21,7 +21,7 @@ from lanewise.evaluation import drive, metrics
 from lanewise.runs import checkpoint, tree
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.train import plan_of
-from lanewise.training import progress, recipe
+from lanewise.training import host, recipe
 
 STAGES = {stage.name: (i, stage) for r in recipe.RECIPES.values() for i, stage in enumerate(r)}
 UNSEEN_SEED = 1
@@ -37,26 +37,24 @@ def main() -> None:
     flags = {name: kinds[name].parse(name, value.split(",")) for name, value in changes.items()}
     settings = config.compose(flags=flags)
     index, stage = STAGES[options.stage]
-    plan = plan_of(RunFolder(Path(), settings, "search", options.seed), stage)
+    plan = plan_of(RunFolder(Path(), settings, "search", options.seed, ""), stage)
     frozen = {}
     began = time.monotonic()
     if options.high_level:
         stored = checkpoint.load(options.high_level, "step-1").arrays
-        first = plan_of(RunFolder(Path(), settings, "search", 0), STAGES["step-1"][1])
-        blank = jax.eval_shape(lambda: progress.stage.begin(first.course, {}, jax.random.key(0)))
-        frozen = {"high_level": tree.unflatten(blank.learner.online, stored)}
-    now = progress.begin(plan, frozen, jax.random.fold_in(jax.random.key(options.seed), index))
+        first = plan_of(RunFolder(Path(), settings, "search", 0, ""), STAGES["step-1"][1])
+        blank = jax.eval_shape(lambda: host.stage.begin(first.course, {}, jax.random.key(0)))
+        frozen = tree.unflatten(host.stage.online(blank.learners), stored)
+    now = host.begin(plan, frozen, jax.random.fold_in(jax.random.key(options.seed), index))
     while not plan.finished(now.ledger):
-        now, report = progress.advance(plan, frozen, now)
+        now, report = host.advance(plan, frozen, now)
         if "validation_success_rate" in report.chunk:
             names = ("decisions", "validation_success_rate", "validation_reward", "loss")
             print({name: report.chunk[name] for name in names}, flush=True)
-    parameters = progress.result(now, plan.course.stage.keep)
+    parameters = host.result(now, plan.course.budget.keep)
     if options.keep:
         checkpoint.save(options.keep, stage.name, tree.flatten(parameters), {}, "search")
-    episodes = drive.test(
-        plan.validation, frozen | {stage.level: parameters}, UNSEEN_SEED, EPISODES
-    )
+    episodes = drive.test(plan.validation, frozen | parameters, UNSEEN_SEED, EPISODES)
     row = {
         "stage": stage.name,
         "seed": options.seed,

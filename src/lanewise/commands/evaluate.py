@@ -12,9 +12,10 @@ from lanewise.controllers.settings import RENEWALS
 from lanewise.errors import RunError
 from lanewise.progress import Progress
 from lanewise.ranges import Between, OneOf
-from lanewise.runs.folder import RunFolder
+from lanewise.runs import shelf
 
 WORLDS = ("lanewise", "highway-env")
+WITH_GOALS = ("hierarchical", "planned", "h-dqn")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +23,7 @@ class Evaluate:
     """Test a trained controller: greedy episodes of 25 s from the test start."""
 
     run: Path = field(metadata={"positional": True})
-    """Run folder of a trained controller."""
+    """Run folder of a trained controller, pretrained/NAME or reference/NAME."""
     world: Annotated[str, OneOf(WORLDS)] = "lanewise"
     """World to drive in: ours, or the real highway-env from the same starts."""
     episodes: Annotated[int, Between(1, 10_000_000)] = 300
@@ -40,9 +41,9 @@ class Evaluate:
 def run(parsed: Parsed[Evaluate]) -> int:
     """Tests; returns the exit code."""
     command = parsed.command
-    folder = RunFolder.open(command.run)
-    if command.renewal is not None and folder.controller != "hierarchical":
-        raise RunError(f"--renewal: {command.run} is {folder.controller} and has no goals")
+    name = shelf.controller(command.run)
+    if command.renewal is not None and name not in WITH_GOALS:
+        raise RunError(f"--renewal: {command.run} is {name} and has no goals")
     from lanewise.evaluation import metrics
     from lanewise.experiments import testing
     from lanewise.report import files, table

@@ -10,7 +10,7 @@ from lanewise.config import PRESETS, TRAPS, Settings
 from lanewise.errors import RunError
 from lanewise.progress import Progress
 from lanewise.ranges import Between, OneOf
-from lanewise.runs.folder import CONTROLLERS, RunFolder
+from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1, RunFolder
 
 SEEDS = Between(0, 2**31 - 1)
 
@@ -33,7 +33,8 @@ class Train:
     """Continue the run in the folder, with its own settings, to the same bits as if it had never
     stopped."""
     high_level: Path | None = None
-    """A finished run whose high level is taken over, so that only step 2 is trained."""
+    """A run whose finished step 1 is taken over: a hierarchical controller then trains step 2
+    alone."""
     preset: Annotated[str, OneOf(tuple(PRESETS))] = "quick"
     """Training preset."""
     trap: Annotated[str, OneOf(tuple(TRAPS))] = "trap-10"
@@ -48,10 +49,11 @@ def run(parsed: Parsed[Train]) -> int:
     """Trains; returns the exit code."""
     command = parsed.command
     if command.high_level is not None:
-        if command.controller != "hierarchical":
-            raise RunError("--high-level: only the hierarchical controller has a high level")
-        if RunFolder.open(command.high_level).controller != "hierarchical":
-            raise RunError(f"{command.high_level} is not a run of a hierarchical controller")
+        names = " and ".join(WITH_STEP_1)
+        if command.controller not in WITH_STEP_1:
+            raise RunError(f"--high-level: only {names} controllers have a step 1")
+        if RunFolder.open(command.high_level).controller not in WITH_STEP_1:
+            raise RunError(f"{command.high_level} has no step 1; only {names} runs do")
     with _folder(parsed) as folder:
         from lanewise.runs.train import train
 

@@ -10,7 +10,7 @@ from lanewise.commands.evaluate import WORLDS
 from lanewise.commands.train import SEEDS
 from lanewise.errors import SettingsError
 from lanewise.ranges import Between, OneOf
-from lanewise.runs.folder import RunFolder
+from lanewise.runs import shelf
 
 FORMATS = (".gif", ".mp4")
 
@@ -20,7 +20,7 @@ class Watch:
     """Draw one test episode from above, with goal, speed and reward."""
 
     run: Path = field(metadata={"positional": True})
-    """Run folder of a trained controller."""
+    """Run folder of a trained controller, pretrained/NAME or reference/NAME."""
     out: Path = field(metadata={"short": "-o"})
     """Clip to write, ending in .gif or .mp4."""
     seed: Annotated[int, SEEDS] = 0
@@ -36,7 +36,7 @@ def run(parsed: Parsed[Watch]) -> int:
     command = parsed.command
     if command.out.suffix.lower() not in FORMATS:
         raise SettingsError(f"--out must end in .gif or .mp4, got {command.out}")
-    RunFolder.open(command.run)
+    shelf.controller(command.run)
     from lanewise.experiments import testing
     from lanewise.report import extras
     from lanewise.runs import trained

@@ -31,7 +31,7 @@ from lanewise.config import PRESETS, Settings
 from lanewise.controllers.settings import REFERENCES
 from lanewise.errors import SettingsError
 from lanewise.names import look_up, nearest
-from lanewise.runs.folder import CONTROLLERS
+from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1
 
 BUILT_IN = ("quick", "standard", "paper")
 """Experiments that come with the package, each a file beside this one."""
@@ -181,9 +181,8 @@ def _check_high_level(arm: Arm, arms: Mapping[str, Arm]) -> None:
         return
     if arm.high_level not in arms:
         raise SettingsError(f'arm {arm.name}: high_level "{arm.high_level[:80]}" is no arm')
-    with_step_1 = ("hierarchical", "planned")
-    if {arm.controller, arms[arm.high_level].controller} - set(with_step_1):
-        raise SettingsError(f"arm {arm.name}: only {' and '.join(with_step_1)} have a step 1")
+    if {arm.controller, arms[arm.high_level].controller} - set(WITH_STEP_1):
+        raise SettingsError(f"arm {arm.name}: only {' and '.join(WITH_STEP_1)} have a step 1")
 
 
 def _known(table: Mapping[str, Any], names: tuple[str, ...], owner: str) -> None:

@@ -33,6 +33,9 @@ from lanewise.runs.files import PARTIAL, write_atomically
 FORMAT = "lanewise-run"
 VERSION = 2
 CONTROLLERS = ("hierarchical", "single-level", "planned", "h-dqn")
+"""What can be trained."""
+WITH_STEP_1 = ("hierarchical", "planned")
+"""Controllers whose training begins with step 1, and can take it over from another run."""
 _OURS = {"lock", "settings.toml"}
 _LARGEST_MANIFEST = 100_000
 

@@ -11,7 +11,7 @@ from lanewise.config import Settings
 from lanewise.controllers.controller import Parameters
 from lanewise.errors import RunError
 from lanewise.learning import network
-from lanewise.runs import checkpoint, tree
+from lanewise.runs import checkpoint, shelf, tree
 from lanewise.runs.folder import RunFolder
 from lanewise.training import recipe
 from lanewise.training.recipe import Stage
@@ -40,13 +40,15 @@ def is_finished(folder: RunFolder) -> bool:
 
 
 def load(path: Path) -> Trained:
-    """The finished controller of a run.
+    """The finished controller of a run, or one that comes with the package (`shelf`).
 
     Raises:
         RunError: there is no run, or it is not finished.
         CheckpointError: its files are damaged.
     """
-    folder = RunFolder.open(path)
+    if name := shelf.reference(path):
+        return Trained(name, Settings(), 0, {})
+    folder = RunFolder.open(shelf.locate(path))
     if not is_finished(folder):
         raise RunError(
             f"{path} is not finished; lanewise train {folder.controller} --out {path} --resume "
