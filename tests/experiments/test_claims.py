@@ -24,7 +24,7 @@ def training(success, reward=1.0, speed=10.0, noise=0.0):
     ]
 
 
-def tested(success, accidents, count=100):
+def outcomes(success, accidents, count=100):
     zero = np.zeros(count)
     return Episodes(
         success=np.arange(count) < success,
@@ -61,13 +61,13 @@ def recording(speed, reward, gap):
 OURS = Evidence(
     training([1, 0, 0, 0, 0] * 20 + [1, 0] * 100, noise=0.5),
     100,
-    tested(98, 2),
+    outcomes(98, 2),
     recording([10, 8, 14], 0.9, [15, 20, -30]),
 )
 FLAT = Evidence(
     training([1, 0, 0, 0, 0] * 20 + [0] * 200),
     100,
-    tested(0, 0),
+    outcomes(0, 0),
     recording([10, 9.5, 10], 0.2, [15, 18, 16]),
 )
 PAPER = Seed(0, OURS, FLAT, (FLAT, FLAT))
@@ -85,7 +85,7 @@ def test_what_the_paper_describes_holds():
 def test_the_opposite_fails_but_for_what_both_do():
     """Early escapes are in both; with the roles swapped nothing else is as the paper says."""
     forward = replace(OURS, recording=recording([10, 8, 14], 0.9, [15, 15, -30]))
-    swapped = replace(OPPOSITE, single_level=replace(forward, test=tested(0, 2)))
+    swapped = replace(OPPOSITE, single_level=replace(forward, test=outcomes(0, 2)))
     assert verdicts(swapped) == ["holds"] + ["fails"] * (len(claims.CLAIMS) - 1)
 
 
@@ -101,14 +101,14 @@ def test_seeds_that_disagree_make_it_depend():
     [
         ({"hierarchical": replace(OURS, training=training([0] * 300))}, 0),
         ({"single_level": replace(FLAT, training=training([1] * 100 + [1, 0] * 100))}, 1),
-        ({"explorers": (FLAT, replace(FLAT, test=tested(50, 0)))}, 2),
+        ({"explorers": (FLAT, replace(FLAT, test=outcomes(50, 0)))}, 2),
         ({"explorers": ()}, 2),
         ({"hierarchical": replace(OURS, settled=300)}, 3),
         ({"single_level": replace(FLAT, training=training([0] * 300, noise=9.0))}, 4),
         ({"single_level": replace(FLAT, recording=recording([10, 7, 7], 0.2, [15, 18, 16]))}, 5),
         ({"hierarchical": replace(OURS, recording=recording([10, 8], 0.1, [15, 9]))}, 6),
         ({"single_level": replace(FLAT, recording=recording([10, 9.5], 0.2, [15, 18]))}, 7),
-        ({"single_level": replace(FLAT, test=tested(0, 3))}, 8),
+        ({"single_level": replace(FLAT, test=outcomes(0, 3))}, 8),
     ],
 )
 def test_each_claim_fails_on_its_own_evidence(change, number):
