@@ -16,7 +16,8 @@ beside it.
 """
 
 from collections.abc import Callable
-from math import nan
+from dataclasses import dataclass
+from math import isfinite, nan
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,21 @@ TRIM = 0.25
 
 _BLOCK = 1_000
 """Resamples drawn at once, which bounds the memory."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A figure over seeds."""
+
+    value: float
+    """In the unit of the scores, or a fraction of 1."""
+    interval: Interval
+    """95 %; NaN where the bootstrap cannot tell."""
+
+    def to_json(self) -> dict[str, Any]:
+        """One object for JSON; an unknown interval is null."""
+        known = isfinite(self.interval[0])
+        return {"value": self.value, "interval": list(self.interval) if known else None}
 
 
 def interquartile_mean(scores: ArrayLike) -> float:
