@@ -83,11 +83,12 @@ def run(parsed: Parsed[Compare]) -> int:
         None if command.scenario_of is None else str(command.scenario_of),
         shlex.join(["lanewise", *sys.argv[1:]]),
     )
+    # Printed first: a file that cannot be written must not cost the figures.
+    sys.stdout.write(json.dumps(pages.to_json(page)) + "\n" if command.json else pages.text(page))
     if command.markdown is not None:
         files.write_text(command.markdown, pages.markdown(page))
     if command.csv is not None:
         files.write_text(command.csv, pages.to_csv(page))
-    sys.stdout.write(json.dumps(pages.to_json(page)) + "\n" if command.json else pages.text(page))
     return 0
 
 
@@ -98,11 +99,10 @@ def _drive(controllers: "Sequence[Trained]", command: Compare) -> "list[Episodes
     episodes = []
     with Progress() as reporter:
         for number, (controller, path) in enumerate(zip(controllers, command.runs, strict=True), 1):
-            reporter.stage(f"{path} ({number} of {len(controllers)})", 1)
+            reporter.note(f"testing {path} ({number} of {len(controllers)})")
             episodes.append(
                 testing.test(controller, command.world, command.episodes, command.seed, reporter)
             )
-            reporter.update(1)
     return episodes
 
 

@@ -17,6 +17,9 @@ from lanewise.report.report import versions
 from lanewise.report.sections import Lines, Section, letter
 from lanewise.report.table import NOTE
 
+TERMINAL = 80
+"""Columns of the narrowest terminal worth fitting."""
+
 PAIRED_NOTE = (
     "Differences are over the same starts; for shares, +n -m counts the starts that",
     "only this run, and only A, had; p is McNemar's exact one, of one comparison.",
@@ -24,7 +27,7 @@ PAIRED_NOTE = (
 )
 SEEDS_NOTE = (
     "Interquartile mean: a quarter of the seeds left out at either end, rounded down.",
-    "P(better): a new seed of one arm beats one of the other; a tie counts one half.",
+    "P(better): a new seed of this arm beats one of the other; a tie counts one half.",
     "Their 95 % intervals are stratified bootstrap ones over seeds, none where there",
     "is no spread. They are too narrow for few seeds: about 91 of 100 hold with 5",
     "seeds, 76 with 3, 50 with 2.",
@@ -184,32 +187,50 @@ def _plain(line: str) -> str:
     return "".join(char if char.isprintable() else "?" for char in line)
 
 
+@dataclass(frozen=True)
+class _Widths:
+    """How the tables of a page are laid out, so that their columns are aligned."""
+
+    label: int
+    cells: tuple[int, ...]
+
+    @property
+    def gap(self) -> str:
+        """Between columns: narrow where wide figures would leave the terminal."""
+        wide = self.label + sum(self.cells) + 2 * len(self.cells)
+        return "  " if wide <= TERMINAL else " "
+
+    @property
+    def total(self) -> int:
+        return self.label + sum(self.cells) + len(self.gap) * len(self.cells)
+
+
 def _text_sections(tables: Sequence[Section]) -> list[str]:
-    """Each as text, every cell's lines under one another, the columns of all aligned."""
-    label = max(len(name) for table in tables for name, _ in table.rows)
-    columns = zip(*(cells for table in tables for cells in _with_head(table)), strict=True)
-    widths = [max(len(line) for lines in column for line in lines) for column in columns]
-    rule = "-" * (label + sum(widths) + 2 * len(widths))
-    parts = []
-    for table in tables:
-        blocks = [_text_row("", table.heads, label, widths), rule]
-        blocks += [_text_row(name, cells, label, widths) for name, cells in table.rows]
-        parts.append("\n".join([table.title, *blocks]))
-    return parts
+    """Each as text, every cell's lines under one another."""
+    rows = [row for table in tables for row in (("", table.heads), *table.rows)]
+    columns = zip(*(cells for _, cells in rows), strict=True)
+    widths = _Widths(
+        max(len(name) for name, _ in rows),
+        tuple(max(len(line) for lines in column for line in lines) for column in columns),
+    )
+    return ["\n".join(_text_section(table, widths)) for table in tables]
 
 
-def _with_head(table: Section) -> list[Sequence[Lines]]:
-    return [table.heads, *(cells for _, cells in table.rows)]
+def _text_section(table: Section, widths: _Widths) -> list[str]:
+    lines = [table.title, *_text_row("", table.heads, widths), "-" * widths.total]
+    for name, cells in table.rows:
+        lines += _text_row(name, cells, widths)
+    return lines
 
 
-def _text_row(name: str, cells: Sequence[Lines], label: int, widths: Sequence[int]) -> str:
+def _text_row(name: str, cells: Sequence[Lines], widths: _Widths) -> list[str]:
     rows = []
     for number in range(max(map(len, cells))):
         words = [lines[number] if number < len(lines) else "" for lines in cells]
-        shown = [word.rjust(width) for word, width in zip(words, widths, strict=True)]
-        first = ("" if number else name).ljust(label)
-        rows.append("  ".join([first, *shown]).rstrip())
-    return "\n".join(rows)
+        shown = [word.rjust(width) for word, width in zip(words, widths.cells, strict=True)]
+        label = ("" if number else name).ljust(widths.label)
+        rows.append(widths.gap.join([label, *shown]).rstrip())
+    return rows
 
 
 def _markdown_section(table: Section) -> str:

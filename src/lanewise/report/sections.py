@@ -53,17 +53,20 @@ def of(comparison: Comparison) -> list[Section]:
             (str(i), _means(arm.interquartile_mean)) for i, arm in enumerate(comparison.arms, 1)
         ]
         sections.append(Section("Interquartile mean over the seeds of an arm", heads, means))
-    if comparison.improvements:
-        chances = [
-            (f"{each.arm + 1} > {each.over + 1}", _chances(each.probability))
-            for each in comparison.improvements
-        ]
-        ways = [
-            (metric.title, "more" if COMPARED[metric.name].more_is_better else "fewer")
-            for metric in SHOWN
-        ]
-        sections.append(Section("P(better)", ways, chances))
-    return sections
+    return sections + _improvements(comparison)
+
+
+def _improvements(comparison: Comparison) -> list[Section]:
+    """A table for each arm that others are held against."""
+    ways = [
+        (metric.title, "more" if COMPARED[metric.name].more_is_better else "fewer")
+        for metric in SHOWN
+    ]
+    tables: dict[int, list[tuple[str, Sequence[Lines]]]] = {}
+    for each in comparison.improvements:
+        row = (str(each.arm + 1), _chances(each.probability))
+        tables.setdefault(each.over, []).append(row)
+    return [Section(f"P(better than arm {i + 1})", ways, rows) for i, rows in tables.items()]
 
 
 def _run(summary: Summary) -> list[Lines]:
