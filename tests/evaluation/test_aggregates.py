@@ -188,7 +188,13 @@ def test_interval_lies_within_the_scores(scores):
     assert math.isnan(low) or min(scores) <= low < high <= max(scores)
 
 
-@pytest.mark.parametrize(("seeds", "share"), [(3, 0.76), (5, 0.91), (10, 0.94)])
+def about(share, repetitions):
+    """Four standard errors of a simulation, and the coarseness of fewer resamples."""
+    error = math.sqrt(share * (1.0 - share) / repetitions)
+    return pytest.approx(share, abs=4.0 * error + 0.01)
+
+
+@pytest.mark.parametrize(("seeds", "share"), [(2, 0.50), (3, 0.76), (5, 0.91), (10, 0.94)])
 def test_coverage_is_what_the_module_says(seeds, share):
     rng = np.random.default_rng(0)
     held = 0
@@ -196,5 +202,17 @@ def test_coverage_is_what_the_module_says(seeds, share):
         scores = rng.normal(5.0, 2.0, seeds)
         low, high = aggregates.interquartile_interval(scores, seed=repetition, resamples=400)
         held += low <= 5.0 <= high
-    # Four standard errors of the simulation, and 400 resamples' own coarseness.
-    assert held / 600 == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / 600) + 0.01)
+    assert held / 600 == about(share, 600)
+
+
+@pytest.mark.parametrize(("shift", "share"), [(0.0, 0.92), (2.0, 0.62)])
+def test_coverage_of_improvement_is_what_the_module_says(shift, share):
+    truth = stats.norm.cdf(shift / math.sqrt(2.0))
+    rng = np.random.default_rng(0)
+    held = 0
+    for repetition in range(400):
+        scores, others = rng.normal(shift, 1.0, 5), rng.normal(0.0, 1.0, 5)
+        low, high = aggregates.improvement_interval(scores, others, seed=repetition, resamples=400)
+        # Arms that do not overlap have no interval, which holds nothing.
+        held += low <= truth <= high
+    assert held / 400 == about(share, 400)

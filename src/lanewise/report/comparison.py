@@ -29,8 +29,8 @@ SEEDS_NOTE = (
     "Interquartile mean: a quarter of the seeds left out at either end, rounded down.",
     "P(better): a new seed of this arm beats one of the other; a tie counts one half.",
     "Their 95 % intervals are stratified bootstrap ones over seeds, none where there",
-    "is no spread. They are too narrow for few seeds: about 91 of 100 hold with 5",
-    "seeds, 76 with 3, 50 with 2.",
+    "is no spread. They are too narrow for few seeds: for the interquartile mean",
+    "91 of 100 hold with 5 seeds, 76 with 3, 50 with 2, and fewer for P near 0 or 1.",
 )
 """As measured in `tests/evaluation/test_aggregates.py`."""
 
