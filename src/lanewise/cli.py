@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from lanewise import __version__
-from lanewise.commands import evaluate, reproduce, train, watch
+from lanewise.commands import compare, evaluate, reproduce, train, watch
 from lanewise.commands.arguments import Parsed, parse
 from lanewise.errors import LanewiseError, SettingsError
 from lanewise.names import look_up
@@ -18,6 +18,7 @@ from lanewise.names import look_up
 COMMANDS: dict[str, type] = {
     "train": train.Train,
     "evaluate": evaluate.Evaluate,
+    "compare": compare.Compare,
     "watch": watch.Watch,
     "reproduce": reproduce.Reproduce,
 }
@@ -25,6 +26,7 @@ COMMANDS: dict[str, type] = {
 RUNNERS: dict[str, Callable[[Parsed[Any]], int]] = {
     "train": train.run,
     "evaluate": evaluate.run,
+    "compare": compare.run,
     "watch": watch.run,
     "reproduce": reproduce.run,
 }

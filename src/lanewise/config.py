@@ -4,7 +4,7 @@ import dataclasses
 import hashlib
 import json
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -392,3 +392,10 @@ def first_difference(ours: Settings, theirs: Settings) -> str:
         if value != other[name]:
             return f"{name} is {show(value)}, not {show(other[name])}"
     return ""
+
+
+def differences(settings: Sequence[Settings]) -> dict[str, tuple[Any, ...]]:
+    """The settings that are not the same in all, by dotted name: one value each, in order."""
+    flat = [flatten(each) for each in settings]
+    values = {name: tuple(each[name] for each in flat) for name in kinds()}
+    return {name: found for name, found in values.items() if len(set(found)) > 1}

@@ -136,7 +136,7 @@ class Kind:
     def __str__(self) -> str:
         if self.length is None:
             return self._noun
-        plural = {int: "whole numbers", float: "numbers"}.get(self.type, "values")
+        plural = {int: "whole numbers", float: "numbers", Path: "paths"}.get(self.type, "values")
         return f"{self.length} {plural}" if self.length else f"one or more {plural}"
 
 

@@ -7,7 +7,8 @@ import pytest
 
 from lanewise import __version__, cli
 from lanewise.cli import main
-from lanewise.commands import train
+from lanewise.commands import compare, train
+from lanewise.commands.arguments import parse
 from lanewise.config import Settings
 from lanewise.runs.folder import RunFolder
 
@@ -81,6 +82,11 @@ REFUSALS = [
     (["evaluate", "absent", "--world", "mars"], "--world must be one of lanewise, highway-env"),
     (["evaluate", "absent", "--renewal", "never"], "--renewal must be one of critic, timestep"),
     (["evaluate", "absent", "--scenario.lanes", "3"], 'unknown option "--scenario.lanes"'),
+    (["compare"], "missing RUNS"),
+    (["compare", "absent", "other"], "no run in absent: looked for absent/run.json"),
+    (["compare", "a", ""], "RUNS: expected a path, got nothing"),
+    (["compare", "a", "b", "--episode", "5"], "did you mean --episodes?"),
+    (["compare", "a", "b", "--scenario-of"], "--scenario-of: expected a path, got nothing"),
     (["watch", "absent"], "missing --out"),
     (["watch", "absent", "-o", "clip.gif"], "no run in absent"),
     (["watch", "absent", "-o", "clip.avi"], "--out must end in .gif or .mp4, got clip.avi"),
@@ -119,6 +125,7 @@ def test_bad_settings_file(capsys, inside):
         ["--version"],
         ["train", "--help"],
         ["evaluate", "-h"],
+        ["compare", "--help"],
         ["watch", "--help"],
         ["reproduce", "--help"],
     ],
@@ -131,12 +138,33 @@ def test_help_never_imports_jax(words):
 
 
 @pytest.mark.parametrize(
-    "words", [[*TRAIN, "--scenario.lanes", "0"], ["evaluate", "absent"], ["trian"]]
+    "words",
+    [
+        [*TRAIN, "--scenario.lanes", "0"],
+        ["evaluate", "absent"],
+        ["compare", "absent", "absent"],
+        ["trian"],
+    ],
 )
 def test_refusals_never_import_jax(words):
     done = run_process(*words)
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_list_takes_every_word_that_belongs_to_no_flag():
+    words = ["a", "--episodes", "5", "b", "--json", "c", "--csv=d.csv"]
+    parsed = parse(compare.Compare, words)
+    assert parsed.command.runs == tuple(map(pathlib.Path, "abc"))
+    assert (parsed.command.episodes, parsed.command.json) == (5, True)
+    assert parsed.command.csv == pathlib.Path("d.csv")
+
+
+def test_help_shows_a_list_as_required(capsys):
+    assert main(["compare", "--help"]) == 0
+    output = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert output.startswith("usage: lanewise compare [-h] [OPTIONS] PATH [PATH ...]")
+    assert "differences are to the first. (required)" in output
 
 
 def test_version(capsys):

@@ -221,3 +221,13 @@ def test_first_difference_names_setting_and_both_values():
     expected = "scenario.trap_speed is 10.0, not 10.9"
     assert config.first_difference(Settings(), other) == expected
     assert config.first_difference(other, other) == ""
+
+
+def test_differences_name_what_is_not_the_same_in_all():
+    changes = ({}, {"scenario.lanes": 4}, {"scenario.lanes": 4, "goals.time_limit": 5.0})
+    several = [config.compose(flags=each) for each in changes]
+    assert config.differences(several) == {
+        "scenario.lanes": (3, 4, 4),
+        "goals.time_limit": (3.0, 3.0, 5.0),
+    }
+    assert config.differences(several[:1]) == {}

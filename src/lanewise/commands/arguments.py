@@ -3,9 +3,10 @@
 tyro writes the help from the same dataclasses (``helptext``), but its errors are long boxes and
 it accepts not-a-number, so reading is done here, where every word can be checked.
 
-A command is a dataclass. A field's metadata may say ``positional`` or give a ``short`` flag. A
-field ``values`` of type ``Settings`` lets the command take any setting, together with its fields
-``preset``, ``trap`` and ``settings`` (a TOML file).
+A command is a dataclass. A field's metadata may say ``positional`` or give a ``short`` flag; the
+last positional may be a list, which takes every word that belongs to no flag. A field ``values`` of
+type ``Settings`` lets the command take any setting, together with its fields ``preset``, ``trap``
+and ``settings`` (a TOML file).
 """
 
 import dataclasses
@@ -55,6 +56,11 @@ class Option:
         return self.name.upper() if self.positional else flag_of(self.name)
 
     @property
+    def is_list(self) -> bool:
+        """Whether it takes any number of values."""
+        return self.kind.length == 0
+
+    @property
     def is_switch(self) -> bool:
         """Whether its presence is its value; settings always take true or false."""
         return self.kind.type is bool and "." not in self.name
@@ -63,9 +69,9 @@ class Option:
         """The value that ``words`` spell."""
         if self.kind.type is not Path:
             return self.kind.parse(self.label, words)
-        if not words[0]:
+        if not all(words):
             raise SettingsError(f"{self.label}: expected a path, got nothing")
-        return Path(words[0])
+        return tuple(map(Path, words)) if self.is_list else Path(words[0])
 
 
 def flag_of(name: str) -> str:
@@ -110,10 +116,11 @@ def _collect(command: type, words: Sequence[str]) -> dict[str, Any]:
             option = _find(command, flags, flag)
             found[option.name] = _flag_value(option, value if equals else None, queue)
         else:
-            place = next((item for item in positionals if item.name not in found), None)
+            place = next((p for p in positionals if p.is_list or p.name not in found), None)
             if place is None:
                 raise SettingsError(f'unexpected argument "{word[:80]}"')
-            found[place.name] = place.read([word])
+            value = place.read([word])
+            found[place.name] = found.get(place.name, ()) + value if place.is_list else value
     for option in (*positionals, *flags.values()):
         if option.required and option.name not in found:
             raise SettingsError(f"missing {option.label}{_choices(option)}")

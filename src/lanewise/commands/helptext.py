@@ -100,12 +100,22 @@ def _annotate(annotation: Any, metadata: Mapping[str, Any]) -> Any:
     if dataclasses.is_dataclass(annotation) and metadata.get("inline"):
         return Annotated[annotation, tyro.conf.arg(name="")]
     if metadata.get("positional"):
-        return tyro.conf.Positional[annotation]  # type: ignore[misc]
+        return _positional(annotation)
     if annotation is bool and metadata.get("switch"):
         return Annotated[annotation, tyro.conf.arg(metavar="")]
     if "short" in metadata:
         return Annotated[annotation, tyro.conf.arg(aliases=(metadata["short"],))]
     return annotation
+
+
+def _positional(annotation: Any) -> Any:
+    """A positional; a list is shown as one word and more, as tyro would call it optional."""
+    if get_origin(annotation) is not tuple:
+        return tyro.conf.Positional[annotation]  # type: ignore[misc]
+    member = get_args(annotation)[0]
+    word = member.__name__.upper()
+    named = tyro.conf.arg(metavar=f"{word} [{word} ...]")
+    return Annotated[tyro.conf.Positional[member], named]  # type: ignore[misc,valid-type]
 
 
 def _bound(annotation: Any) -> Between | OneOf | None:

@@ -110,23 +110,40 @@ def _cause_row(cause: str, table: Sequence[Column]) -> tuple[str, list[str]]:
 
 
 def _title(metric: Metric) -> str:
-    unit = "%" if metric.rate else metric.unit
     # No square brackets: some terminals' markup would swallow them.
-    return f"{metric.title}, {unit}" if unit else metric.title
+    return f"{metric.title}, {unit(metric)}" if unit(metric) else metric.title
 
 
 def _figure(metric: Metric, summary: Summary) -> str:
     value = summary.values.get(metric.name, nan)
     if not isfinite(value):
         return "-"
-    scale = 100.0 if metric.rate else 1.0
-    digits = 1 if metric.name == "travel_distance" else 2
-    shown = f"{scale * value:.{digits}f}"
     interval = summary.intervals.get(metric.name)
-    return shown if interval is None else f"{shown} {_bounds(interval, scale, digits, metric.rate)}"
+    shown = number(metric, value)
+    return shown if interval is None else f"{shown} {bounds(metric, interval)}"
 
 
-def _bounds(interval: Interval, scale: float, digits: int, rate: bool) -> str:
+def unit(metric: Metric) -> str:
+    """The unit a metric is shown in; empty for plain numbers."""
+    return "%" if metric.rate else metric.unit
+
+
+def number(metric: Metric, value: float, sign: str = "") -> str:
+    """A metric's value as shown; with the sign ``+`` also where it is positive."""
+    return f"{_scale(metric) * value:{sign}.{_digits(metric)}f}"
+
+
+def bounds(metric: Metric, interval: Interval) -> str:
+    """A metric's interval as shown."""
     # One digit fewer for rates: their intervals are wide, and the columns narrow.
-    low, high = (f"{scale * end:.{1 if rate else digits}f}" for end in interval)
+    digits = 1 if metric.rate else _digits(metric)
+    low, high = (f"{_scale(metric) * end:.{digits}f}" for end in interval)
     return f"({low}, {high})"
+
+
+def _scale(metric: Metric) -> float:
+    return 100.0 if metric.rate else 1.0
+
+
+def _digits(metric: Metric) -> int:
+    return 1 if metric.name == "travel_distance" else 2

@@ -1,0 +1,147 @@
+"""``lanewise compare``: drives several trained controllers on the same starts, side by side."""
+
+import dataclasses
+import json
+import shlex
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from lanewise import config
+from lanewise.commands.arguments import Parsed
+from lanewise.commands.evaluate import WORLDS
+from lanewise.commands.train import SEEDS
+from lanewise.config import Settings
+from lanewise.errors import RunError
+from lanewise.progress import Progress
+from lanewise.ranges import Between, OneOf, show
+from lanewise.runs import shelf
+from lanewise.runs.folder import RunFolder
+
+if TYPE_CHECKING:
+    from lanewise.evaluation.episodes import Episodes
+    from lanewise.runs.trained import Trained
+
+TRAINING_STARTS = "scenario.training_"
+"""Begins the scenario settings that tests do not use."""
+CONTROLLERS_OWN = ("driving.observation.", "driving.actions.")
+"""What a controller sees and can do: part of it, not of the test."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compare:
+    """Test several trained controllers on the same starts and show them side by side.
+
+    Each with 95 % intervals, its difference to the first start by start, and the settings in which
+    they differ. Runs that differ in their seed alone count as the seeds of one arm.
+    """
+
+    runs: tuple[Path, ...] = field(metadata={"positional": True})
+    """Run folders of trained controllers, or pretrained/NAME; at least two, and differences are to
+    the first."""
+    world: Annotated[str, OneOf(WORLDS)] = "lanewise"
+    """World to drive in: ours, or the real highway-env from the same starts."""
+    episodes: Annotated[int, Between(1, 10_000_000)] = 300
+    """Number of test episodes of each run."""
+    seed: Annotated[int, SEEDS] = 0
+    """Seed of the starts."""
+    scenario_of: Path | None = None
+    """Drive all in the scenario of this run; needed where their own differ."""
+    json: bool = field(default=False, metadata={"switch": True})
+    """Print one JSON object instead of tables."""
+    markdown: Path | None = None
+    """Also write the tables to this Markdown file."""
+    csv: Path | None = None
+    """Also write one line a run and metric to this CSV file."""
+
+
+def run(parsed: Parsed[Compare]) -> int:
+    """Compares; returns the exit code."""
+    command = parsed.command
+    folders = [RunFolder.open(shelf.locate(path)) for path in command.runs]
+    settings = _settings(folders, command.scenario_of)
+    from lanewise.evaluation import comparison
+
+    entries = [
+        comparison.Entry(str(path), folder.controller, folder.seed, folder.digest)
+        for path, folder in zip(command.runs, folders, strict=True)
+    ]
+    comparison.arm_members(entries)
+    from lanewise.report import comparison as pages
+    from lanewise.report import files
+    from lanewise.runs import trained
+
+    controllers = [
+        dataclasses.replace(trained.load(folder.path), settings=own)
+        for folder, own in zip(folders, settings, strict=True)
+    ]
+    episodes = _drive(controllers, command)
+    page = pages.Page(
+        comparison.compare(entries, episodes, command.world),
+        config.differences([folder.settings for folder in folders]),
+        command.seed,
+        None if command.scenario_of is None else str(command.scenario_of),
+        shlex.join(["lanewise", *sys.argv[1:]]),
+    )
+    # Printed first: a file that cannot be written must not cost the figures.
+    sys.stdout.write(json.dumps(pages.to_json(page)) + "\n" if command.json else pages.text(page))
+    if command.markdown is not None:
+        files.write_text(command.markdown, pages.markdown(page))
+    if command.csv is not None:
+        files.write_text(command.csv, pages.to_csv(page))
+    return 0
+
+
+def _drive(controllers: "Sequence[Trained]", command: Compare) -> "list[Episodes]":
+    """The test episodes of each."""
+    from lanewise.experiments import testing
+
+    episodes = []
+    with Progress() as reporter:
+        for number, (controller, path) in enumerate(zip(controllers, command.runs, strict=True), 1):
+            reporter.note(f"testing {path} ({number} of {len(controllers)})")
+            episodes.append(
+                testing.test(controller, command.world, command.episodes, command.seed, reporter)
+            )
+    return episodes
+
+
+def _settings(folders: Sequence[RunFolder], scenario_of: Path | None) -> list[Settings]:
+    """The settings each run is tested with: its own, in the scenario asked for.
+
+    Raises:
+        RunError: the runs would not be tested alike.
+    """
+    settings = [folder.settings for folder in folders]
+    if scenario_of is not None:
+        scenario = _section(RunFolder.open(shelf.locate(scenario_of)).settings, "scenario.")
+        settings = [config.replace(each, scenario) for each in settings]
+    for folder, own in zip(folders[1:], settings[1:], strict=True):
+        for name, (first, other) in config.differences([settings[0], own]).items():
+            if _belongs_to_test(name):
+                raise RunError(
+                    f"{folders[0].path} and {folder.path} are not tested alike: {name} is "
+                    f"{show(first)}, not {show(other)}{_way_out(name)}"
+                )
+    return settings
+
+
+def _section(settings: Settings, prefix: str) -> dict[str, Any]:
+    return {name: v for name, v in config.flatten(settings).items() if name.startswith(prefix)}
+
+
+def _belongs_to_test(name: str) -> bool:
+    """Whether a setting says how a test starts, how traffic drives or how it is judged."""
+    if name.startswith("scenario."):
+        return not name.startswith(TRAINING_STARTS)
+    if name.startswith("driving."):
+        return not name.startswith(CONTROLLERS_OWN)
+    return name == "evaluation.duration"
+
+
+def _way_out(name: str) -> str:
+    if not name.startswith("scenario."):
+        return ""
+    return "\n  --scenario-of RUN tests all in that run's scenario"

@@ -1,0 +1,196 @@
+"""Several runs on the same test starts: each one's metrics, differences to the first, arms.
+
+Runs that differ in their seed alone are the seeds of one arm. A difference between two runs speaks
+of two trained controllers; only arms of several seeds speak of the way they were trained.
+"""
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lanewise.errors import LanewiseError
+from lanewise.evaluation import aggregates, metrics, paired
+from lanewise.evaluation.aggregates import Estimate
+from lanewise.evaluation.episodes import Episodes
+from lanewise.evaluation.metrics import Summary
+from lanewise.evaluation.paired import MeanDifference, RateDifference
+
+Difference = MeanDifference | RateDifference
+
+
+@dataclass(frozen=True)
+class Compared:
+    """How a metric is compared."""
+
+    outcomes: Callable[[Episodes], NDArray[Any]]
+    """Its value for every episode: bool for a rate."""
+    more_is_better: bool = True
+    """Which way is ahead."""
+
+
+COMPARED: Mapping[str, Compared] = {
+    "success_rate": Compared(lambda episodes: episodes.success),
+    "accident_rate": Compared(lambda episodes: episodes.accident != 0, more_is_better=False),
+    "accumulated_reward": Compared(lambda episodes: episodes.accumulated_reward),
+    "average_speed": Compared(lambda episodes: episodes.average_speed),
+    "travel_distance": Compared(lambda episodes: episodes.travel_distance),
+}
+"""The paper's metrics by name. More speed and distance count as better, as in the paper."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A run that takes part."""
+
+    name: str
+    """What the user calls it."""
+    controller: str
+    """Name of its controller."""
+    seed: int
+    """Of its training."""
+    settings: Hashable
+    """Equal for runs that were made with equal settings."""
+
+
+@dataclass(frozen=True)
+class Arm:
+    """The runs that differ in their seed alone."""
+
+    controller: str
+    """Name of their controller."""
+    runs: tuple[int, ...]
+    """Which runs, in the order of their seeds."""
+    seeds: tuple[int, ...]
+    """Their seeds."""
+    values: Mapping[str, tuple[float, ...]]
+    """By metric: one value a seed."""
+    interquartile_mean: Mapping[str, Estimate]
+    """By metric, with intervals over seeds."""
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """How likely a new seed of one arm does better than a new seed of another."""
+
+    arm: int
+    """Which arm."""
+    over: int
+    """Which other arm."""
+    probability: Mapping[str, Estimate]
+    """By metric, with intervals over seeds; better is fewer for accidents, more for the rest."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Everything there is to say about several runs."""
+
+    runs: tuple[Entry, ...]
+    """As given."""
+    summaries: tuple[Summary, ...]
+    """Each run's metrics."""
+    differences: tuple[Mapping[str, Difference], ...]
+    """Of each run but the first to the first, by metric."""
+    arms: tuple[Arm, ...]
+    """In the order of their first runs."""
+    improvements: tuple[Improvement, ...]
+    """Of each arm over each before it; empty where no arm has two seeds."""
+
+    @property
+    def has_seeds(self) -> bool:
+        """Whether any arm has more than one seed."""
+        return any(len(arm.runs) > 1 for arm in self.arms)
+
+
+def compare(runs: Sequence[Entry], episodes: Sequence[Episodes], world: str) -> Comparison:
+    """Compare runs that drove the same starts in one world.
+
+    Args:
+        runs: at least two.
+        episodes: of each run; the i-th of one started where the i-th of the others did.
+        world: its name.
+
+    Raises:
+        LanewiseError: if there are fewer than two runs, two are the same, or they did not drive
+            equally many episodes.
+    """
+    members = arm_members(runs)
+    if len({len(driven) for driven in episodes}) != 1:
+        raise LanewiseError("the runs did not drive equally many test episodes")
+    summaries = tuple(
+        metrics.summarise(driven, controller=run.controller, world=world)
+        for run, driven in zip(runs, episodes, strict=True)
+    )
+    arms = tuple(_arm(runs, summaries, numbers) for numbers in members)
+    differences = tuple(_differences(episodes[0], other) for other in episodes[1:])
+    return Comparison(tuple(runs), summaries, differences, arms, _improvements(arms))
+
+
+def arm_members(runs: Sequence[Entry]) -> list[tuple[int, ...]]:
+    """The numbers of the runs of each arm, in the order of their seeds.
+
+    Raises:
+        LanewiseError: if there are fewer than two runs, or two are the same.
+    """
+    if len(runs) < 2:
+        raise LanewiseError(f"a comparison needs at least two runs, got {len(runs)}")
+    arms: dict[Hashable, dict[int, int]] = {}
+    for number, run in enumerate(runs):
+        seeds = arms.setdefault((run.controller, run.settings), {})
+        if run.seed in seeds:
+            raise LanewiseError(
+                f"{runs[seeds[run.seed]].name} and {run.name} are the same run twice: "
+                f"{run.controller}, the same settings, seed {run.seed}"
+            )
+        seeds[run.seed] = number
+    return [tuple(seeds[seed] for seed in sorted(seeds)) for seeds in arms.values()]
+
+
+def _differences(first: Episodes, other: Episodes) -> dict[str, Difference]:
+    found: dict[str, Difference] = {}
+    for name, compared in COMPARED.items():
+        before, after = compared.outcomes(first), compared.outcomes(other)
+        is_rate = before.dtype == np.bool_
+        found[name] = (paired.rate_difference if is_rate else paired.mean_difference)(before, after)
+    return found
+
+
+def _arm(runs: Sequence[Entry], summaries: Sequence[Summary], numbers: tuple[int, ...]) -> Arm:
+    values = {name: tuple(summaries[n].values[name] for n in numbers) for name in COMPARED}
+    return Arm(
+        runs[numbers[0]].controller,
+        numbers,
+        tuple(runs[n].seed for n in numbers),
+        values,
+        {
+            name: Estimate(
+                aggregates.interquartile_mean(scores), aggregates.interquartile_interval(scores)
+            )
+            for name, scores in values.items()
+        },
+    )
+
+
+def _improvements(arms: Sequence[Arm]) -> tuple[Improvement, ...]:
+    """Each arm over each before it, if seeds were repeated at all."""
+    if all(len(arm.runs) < 2 for arm in arms):
+        return ()
+    return tuple(
+        Improvement(later, earlier, _probability(arms[later], arms[earlier]))
+        for later in range(len(arms))
+        for earlier in range(later)
+    )
+
+
+def _probability(arm: Arm, over: Arm) -> dict[str, Estimate]:
+    found = {}
+    for name, compared in COMPARED.items():
+        sign = 1.0 if compared.more_is_better else -1.0
+        scores, others = (sign * np.asarray(side.values[name]) for side in (arm, over))
+        found[name] = Estimate(
+            aggregates.probability_of_improvement(scores, others),
+            aggregates.improvement_interval(scores, others),
+        )
+    return found

@@ -1,0 +1,166 @@
+"""The compare command on finished runs, and what it refuses."""
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from lanewise import config
+from lanewise.cli import main
+from lanewise.evaluation import drive
+from lanewise.runs import trained
+from lanewise.runs.folder import RunFolder
+from lanewise.training import recipe
+
+CONTROLLER = "single-level"
+OPTIONS = {
+    "scenario.traffic.vehicles_ahead": 1,
+    "evaluation.duration": 3,
+    "single_level.learner.hidden": (16, 16),
+}
+RUNS = {
+    "s0": {},
+    "s1": {},
+    "wide": {
+        "single_level.learner.hidden": (24,),
+        "scenario.training_front_distance": (15.0, 16.0),
+        "driving.observation.scaling": "highway-env",
+    },
+    "fast": {"scenario.trap_speed": 10.9},
+    "penalised": {"driving.reward.accident_penalty": 5.0},
+}
+
+
+def make_run(name, changes):
+    """A finished run, with weights drawn instead of learnt: comparing is what is tested here."""
+    settings = config.compose(flags=OPTIONS | changes)
+    seed = 1 if name == "s1" else 0
+    rng = np.random.default_rng(seed)
+    with RunFolder.create(Path(name), settings, CONTROLLER, seed) as folder:
+        (stage,) = recipe.RECIPES[CONTROLLER]
+        shapes = {stage.level: trained.blank_network(folder, stage)}
+        weights = jax.tree.map(lambda leaf: rng.normal(0, 0.5, leaf.shape).astype("f4"), shapes)
+        trained.save_controller(folder, weights)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Finished runs by name, in the folder the test runs in."""
+    folder = tmp_path_factory.mktemp("compare")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(drive, "BLOCK", 4)
+        patch.chdir(folder)
+        for name, changes in RUNS.items():
+            make_run(name, changes)
+        yield folder
+
+
+def compare(capsys, *words):
+    capsys.readouterr()
+    assert main(["compare", *words, "--episodes", "5"]) == 0
+    return capsys.readouterr().out
+
+
+def refused(capsys, *words):
+    capsys.readouterr()
+    assert main(["compare", *words]) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert len(output.err.splitlines()) <= 2
+    return output.err
+
+
+def test_json_agrees_with_evaluate(runs, capsys):
+    printed = compare(capsys, "s0", "s1", "wide", "--json", "--seed", "3")
+    assert printed.count("\n") == 1
+    found = json.loads(printed)
+    assert [run["run"] for run in found["runs"]] == ["s0", "s1", "wide"]
+    assert [arm["runs"] for arm in found["arms"]] == [[0, 1], [2]]
+    assert [arm["seeds"] for arm in found["arms"]] == [[0, 1], [0]]
+    # Training starts and what a controller sees are its own affair, and no reason to refuse.
+    assert found["settings"] == {
+        "scenario.training_front_distance": [[14.8, 16.44], [14.8, 16.44], [15.0, 16.0]],
+        "driving.observation.scaling": ["fine", "fine", "highway-env"],
+        "single_level.learner.hidden": [[16, 16], [16, 16], [24]],
+    }
+    assert (found["world"], found["episodes"], found["seed"]) == ("lanewise", 5, 3)
+    for run in found["runs"]:
+        assert main(["evaluate", run["run"], "--episodes", "5", "--seed", "3", "--json"]) == 0
+        alone = json.loads(capsys.readouterr().out)
+        assert {name: run[name] for name in alone} == alone
+    means = [run["travel_distance"] for run in found["runs"]]
+    for difference in found["differences"]:
+        expected = means[difference["run"]] - means[0]
+        assert difference["travel_distance"]["difference"] == pytest.approx(expected)
+
+
+def test_tables_and_files(runs, capsys):
+    printed = compare(capsys, "s0", "s1", "--markdown", "out/c.md", "--csv", "out/c.csv")
+    assert "A  s0  single-level, seed 0\nB  s1  single-level, seed 1\n" in printed
+    assert "Settings that differ\nnone\n" in printed
+    assert (runs / "out" / "c.md").read_text().startswith("# Comparison of runs\n")
+    with (runs / "out" / "c.csv").open(newline="") as lines:
+        assert {row["run"] for row in csv.DictReader(lines)} == {"s0", "s1"}
+
+
+def test_figures_are_printed_even_if_a_file_cannot_be_written(runs, capsys):
+    capsys.readouterr()
+    assert main(["compare", "s0", "s1", "--episodes", "2", "--csv", "s0"]) == 2
+    output = capsys.readouterr()
+    assert output.out.startswith("A  s0")
+    assert "cannot write s0" in output.err
+
+
+def test_other_scenarios_are_refused_unless_one_is_chosen(runs, capsys):
+    error = refused(capsys, "s0", "fast")
+    assert "s0 and fast are not tested alike: scenario.trap_speed is 10.0, not 10.9" in error
+    assert "--scenario-of RUN" in error
+    own = json.loads(compare(capsys, "s0", "s1", "--json"))
+    chosen = json.loads(compare(capsys, "s0", "fast", "--scenario-of", "s1", "--json"))
+    assert chosen["scenario_of"] == "s1"
+    assert chosen["runs"][0] == own["runs"][0]
+    assert chosen["settings"]["scenario.trap_speed"] == [10.0, 10.9]
+    other = json.loads(compare(capsys, "s0", "fast", "--scenario-of", "fast", "--json"))
+    assert main(["evaluate", "fast", "--episodes", "5", "--json"]) == 0
+    alone = json.loads(capsys.readouterr().out)
+    assert {name: other["runs"][1][name] for name in alone} == alone
+
+
+def test_another_reward_is_refused_whatever_the_scenario(runs, capsys):
+    expected = "s0 and penalised are not tested alike: driving.reward.accident_penalty is 10.0, not"
+    for words in ([], ["--scenario-of", "s0"]):
+        error = refused(capsys, "s0", "penalised", *words)
+        assert expected in error
+        assert "--scenario-of RUN" not in error
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (["s0"], "a comparison needs at least two runs, got 1"),
+        (["s0", "s1", "s0"], "s0 and s0 are the same run twice: single-level, the same settings"),
+        (["s0", "absent"], "no run in absent: looked for absent/run.json"),
+        (["s0", "s1", "--scenario-of", "absent"], "no run in absent"),
+        (["s0", "begun"], "begun is not finished; lanewise train single-level --out begun"),
+    ],
+)
+def test_refusals(runs, capsys, words, hint):
+    (runs / "begun").mkdir(exist_ok=True)
+    for name in ("run.json", "settings.toml"):
+        shutil.copy(runs / "s1" / name, runs / "begun")
+    assert hint in refused(capsys, *words)
+
+
+def test_highway_env_drives_the_same_starts(runs, capsys):
+    words = ("compare", "s0", "wide", "--episodes", "1", "--json", "--world", "highway-env")
+    assert main(words) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert main([*words[:-1], "lanewise"]) == 0
+    ours = json.loads(capsys.readouterr().out)
+    for a, b in zip(ours["runs"], found["runs"], strict=True):
+        assert b["world"] == "highway-env"
+        assert b["travel_distance"] == pytest.approx(a["travel_distance"], rel=1e-4)

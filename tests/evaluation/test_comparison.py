@@ -1,0 +1,129 @@
+"""A comparison is made of the metrics, paired differences and aggregates, by the right runs."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from lanewise.errors import LanewiseError
+from lanewise.evaluation import aggregates, comparison, metrics, paired
+from lanewise.evaluation.comparison import Entry, arm_members, compare
+from lanewise.evaluation.episodes import Episodes
+
+
+def make(seed, successes=30, faster=0.0, total=40):
+    rng = np.random.default_rng(seed)
+    success = np.arange(total) < successes
+    return Episodes(
+        success=success,
+        accident=np.where(success, 0, 1).astype(np.int8),
+        accumulated_reward=rng.normal(10.0 + faster, 1.0, total),
+        average_speed=rng.normal(12.0 + faster, 0.2, total),
+        travel_distance=rng.normal(300.0 + 25.0 * faster, 5.0, total),
+        duration=np.full(total, 25.0),
+        escape_time=np.full(total, np.nan),
+        goals=np.zeros(total, np.int64),
+        goals_timed_out=np.zeros(total, np.int64),
+    )
+
+
+RUNS = [
+    Entry("a1", "hierarchical", 1, "x"),
+    Entry("b0", "single-level", 0, "x"),
+    Entry("a0", "hierarchical", 0, "x"),
+    Entry("c0", "hierarchical", 0, "y"),
+    Entry("c7", "hierarchical", 7, "y"),
+]
+EPISODES = [make(1, 36, 1.0), make(2, 0), make(3, 38, 1.0), make(4, 20), make(5, 24)]
+
+
+@pytest.fixture(scope="module")
+def found():
+    return compare(RUNS, EPISODES, "lanewise")
+
+
+def test_arms_are_runs_that_differ_in_seed_alone(found):
+    assert [arm.runs for arm in found.arms] == [(2, 0), (1,), (3, 4)]
+    assert [arm.seeds for arm in found.arms] == [(0, 1), (0,), (0, 7)]
+    assert [arm.controller for arm in found.arms] == [
+        "hierarchical",
+        "single-level",
+        "hierarchical",
+    ]
+    assert found.has_seeds
+
+
+def test_arms_keep_the_value_of_every_seed(found):
+    assert found.arms[0].values["success_rate"] == (38 / 40, 36 / 40)
+    for arm in found.arms:
+        for name, values in arm.values.items():
+            assert values == tuple(found.summaries[run].values[name] for run in arm.runs)
+            estimate = arm.interquartile_mean[name]
+            assert estimate.value == aggregates.interquartile_mean(values)
+            expected = aggregates.interquartile_interval(values)
+            assert estimate.interval == pytest.approx(expected, nan_ok=True)
+
+
+def test_one_seed_has_no_interval(found):
+    for estimate in found.arms[1].interquartile_mean.values():
+        assert math.isfinite(estimate.value)
+        assert all(map(math.isnan, estimate.interval))
+
+
+def test_summaries_are_those_of_evaluate(found):
+    expected = metrics.summarise(EPISODES[3], controller="hierarchical", world="lanewise")
+    assert found.summaries[3].values == pytest.approx(expected.values, nan_ok=True)
+    assert found.summaries[3].intervals == expected.intervals
+
+
+def test_differences_are_to_the_first_run(found):
+    assert len(found.differences) == 4
+    rate = found.differences[0]["success_rate"]
+    assert (rate.only_second, rate.only_first, rate.value) == (0, 36, -0.9)
+    rate = found.differences[0]["accident_rate"]
+    assert (rate.only_second, rate.only_first) == (36, 0)
+    speed = found.differences[1]["average_speed"]
+    assert speed == paired.mean_difference(EPISODES[0].average_speed, EPISODES[2].average_speed)
+
+
+def test_improvement_is_by_the_better_way_of_each_metric(found):
+    assert [(each.arm, each.over) for each in found.improvements] == [(1, 0), (2, 0), (2, 1)]
+    over_flat = found.improvements[2].probability
+    # Successes 20 and 24 of 40 against none; accidents the other way round, both better.
+    assert over_flat["success_rate"].value == over_flat["accident_rate"].value == 1.0
+    under_first = found.improvements[1].probability
+    assert under_first["success_rate"].value == under_first["accident_rate"].value == 0.0
+    assert under_first["average_speed"].value == 0.0
+
+
+def test_without_repeated_seeds_nothing_is_said_about_arms():
+    found = compare(RUNS[1:4], EPISODES[1:4], "lanewise")
+    assert not found.has_seeds
+    assert found.improvements == ()
+    assert len(found.arms) == 3
+
+
+def test_compared_metrics_are_the_papers():
+    assert tuple(comparison.COMPARED) == tuple(metrics.PUBLISHED["hierarchical"])
+    summary = metrics.summarise(EPISODES[0], controller="x", world="lanewise")
+    for name, compared in comparison.COMPARED.items():
+        outcomes = compared.outcomes(EPISODES[0])
+        assert outcomes.mean() == pytest.approx(summary.values[name])
+        metric = next(metric for metric in metrics.METRICS if metric.name == name)
+        assert (outcomes.dtype == np.bool_) == metric.rate
+
+
+def test_the_same_run_twice_is_refused():
+    with pytest.raises(LanewiseError, match="a1 and again are the same run twice: hierarchical"):
+        arm_members([*RUNS, dataclasses.replace(RUNS[0], name="again")])
+
+
+def test_one_run_is_refused():
+    with pytest.raises(LanewiseError, match="at least two runs, got 1"):
+        compare(RUNS[:1], EPISODES[:1], "lanewise")
+
+
+def test_other_numbers_of_episodes_are_refused():
+    with pytest.raises(LanewiseError, match="equally many"):
+        compare(RUNS[:2], [make(0), make(0, total=41)], "lanewise")
