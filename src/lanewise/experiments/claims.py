@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lanewise.evaluation.episodes import Episodes, Recording
+from lanewise.evaluation.metrics import TRAINING_WINDOW
 
-WINDOW = 50
-"""Training episodes in a mean, as in the paper's training table."""
 RARELY = 0.02
 """At most this success rate counts as escaping no more."""
 BRAKING = 5.0
@@ -89,8 +88,8 @@ def _flat_stops(seeds: Sequence[Seed]) -> Claim:
     return Claim(
         "The flat controller stops escaping as its exploration falls",
         tuple(a > 0 and b <= RARELY for a, b in zip(early, late, strict=True)),
-        f"single-level success until epsilon settles {_percent(early)}, in the last {WINDOW} "
-        f"episodes {_percent(late)}",
+        f"single-level success until epsilon settles {_percent(early)}, "
+        f"in the last {TRAINING_WINDOW} episodes {_percent(late)}",
     )
 
 
@@ -114,8 +113,8 @@ def _keeps_improving(seeds: Sequence[Seed]) -> Claim:
     return Claim(
         "The hierarchical controller keeps improving after epsilon has settled",
         tuple(b > a for a, b in zip(settled, late, strict=True)),
-        f"success in {WINDOW} training episodes: {_percent(settled)} when epsilon settled, "
-        f"{_percent(late)} at the end",
+        f"success in {TRAINING_WINDOW} training episodes: {_percent(settled)} when epsilon "
+        f"settled, {_percent(late)} at the end",
     )
 
 
@@ -132,7 +131,8 @@ def _varies_more(seeds: Sequence[Seed]) -> Claim:
     return Claim(
         "The hierarchical controller varies more in every measure",
         tuple(all(ours > flat for ours, flat in pairs) for pairs in spreads),
-        f"standard deviation over the last {WINDOW} training episodes, mean over seeds: {figures}",
+        f"standard deviation over the last {TRAINING_WINDOW} training episodes, mean over seeds: "
+        f"{figures}",
     )
 
 
@@ -238,15 +238,15 @@ def _early(evidence: Evidence) -> float:
 def _around(evidence: Evidence, name: str) -> float:
     """Mean of the window that ends when epsilon has settled."""
     end = max(1, evidence.settled)
-    return _mean(_values(evidence, name)[max(0, end - WINDOW) : end])
+    return _mean(_values(evidence, name)[max(0, end - TRAINING_WINDOW) : end])
 
 
 def _late(evidence: Evidence, name: str) -> float:
-    return _mean(_values(evidence, name)[-WINDOW:])
+    return _mean(_values(evidence, name)[-TRAINING_WINDOW:])
 
 
 def _spread(evidence: Evidence, name: str) -> float:
-    last = _values(evidence, name)[-WINDOW:]
+    last = _values(evidence, name)[-TRAINING_WINDOW:]
     return float(last.std()) if len(last) else 0.0
 
 

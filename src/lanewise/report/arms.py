@@ -1,0 +1,223 @@
+"""Tables of an experiment as Markdown and text: a row an arm, figures over its seeds."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite, nan
+from typing import Any
+
+import numpy as np
+
+from lanewise.evaluation import aggregates
+from lanewise.evaluation.aggregates import Estimate
+from lanewise.evaluation.metrics import (
+    METRICS,
+    PUBLISHED,
+    PUBLISHED_TRAINING,
+    TRAINING_WINDOW,
+    Metric,
+    Summary,
+)
+from lanewise.report.escape import cell
+from lanewise.report.table import bounds, number, unit
+
+PAPER = ("accumulated_reward", "average_speed", "success_rate", "travel_distance", "accident_rate")
+"""The metrics of the paper's test table, in its order."""
+SHOWN: tuple[Metric, ...] = tuple(m for name in PAPER for m in METRICS if m.name == name)
+TRAINING = (
+    ("reward", "reward", 1.0, 2),
+    ("timestep_reward", "reward, one a second", 1.0, 2),
+    ("speed", "speed, m/s", 1.0, 2),
+    ("success", "success, %", 100.0, 1),
+)
+"""Measures of a training episode: column of the metrics, title, factor, digits."""
+
+Rows = Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class ArmFigures:
+    """What the tables need of an arm."""
+
+    title: str
+    """Its name for people."""
+    controller: str
+    """Name of its controller, by which published figures are found."""
+    seeds: Sequence[int]
+    """In the order of what follows."""
+    tests: Mapping[str, Sequence[Summary]]
+    """By world, one a seed."""
+    training: Sequence[Rows] = field(default=())
+    """Training episodes of the last stage, one list a seed; none for a reference driver."""
+
+    def values(self, world: str, metric: str) -> list[float]:
+        """A metric of every seed."""
+        return [summary.values[metric] for summary in self.tests.get(world, ())]
+
+
+def tests(arms: Sequence[ArmFigures], world: str) -> str:
+    """The paper's test table: means over seeds, the lowest and the highest seed in parentheses."""
+    heads = ["arm", "seeds", *(_head(metric) for metric in SHOWN)]
+    rows = []
+    seen: set[str] = set()
+    for arm in arms:
+        if arm.controller in PUBLISHED and arm.controller not in seen:
+            published = PUBLISHED[arm.controller]
+            figures = [number(metric, published[metric.name]) for metric in SHOWN]
+            rows.append([f"*{cell(arm.controller)}, published*", "?", *figures])
+        seen.add(arm.controller)
+        if arm.tests.get(world):
+            cells = [_span(metric, arm.values(world, metric.name)) for metric in SHOWN]
+            rows.append([cell(arm.title), str(len(arm.tests[world])), *cells])
+    return _markdown(heads, rows)
+
+
+def every_seed(arms: Sequence[ArmFigures], worlds: Sequence[str]) -> str:
+    """One row a seed and world, rates with exact 95 % intervals."""
+    heads = ["arm", "seed", "world", "episodes", *(_head(metric) for metric in SHOWN)]
+    rows = []
+    for arm in arms:
+        for place, seed in enumerate(arm.seeds):
+            for world in worlds:
+                if place < len(arm.tests.get(world, ())):
+                    summary = arm.tests[world][place]
+                    cells = [_with_interval(metric, summary) for metric in SHOWN]
+                    count = str(summary.episodes)
+                    rows.append([cell(arm.title), str(seed), world, count, *cells])
+    return _markdown(heads, rows)
+
+
+def over_seeds(arms: Sequence[ArmFigures], world: str, reference: str) -> str:
+    """Interquartile means with bootstrap intervals, and how likely an arm beats the reference.
+
+    Args:
+        arms: those with one seed alone have no interval.
+        world: whose tests.
+        reference: title of the arm that the others are held against.
+    """
+    held = next((arm for arm in arms if arm.title == reference), None)
+    names = ("success_rate", "accumulated_reward")
+    metrics = [metric for name in names for metric in SHOWN if metric.name == name]
+    heads = ["arm"]
+    for metric in metrics:
+        heads += [f"IQM of {_head(metric)}", f"P({metric.title} above {cell(reference)})"]
+    rows = []
+    for arm in arms:
+        if not arm.tests.get(world):
+            continue
+        row = [cell(arm.title)]
+        for metric in metrics:
+            scores = arm.values(world, metric.name)
+            value = Estimate(
+                aggregates.interquartile_mean(scores), aggregates.interquartile_interval(scores)
+            )
+            row.append(_estimate(metric, value))
+            row.append(_improvement(scores, held, world, metric) if arm is not held else "-")
+        rows.append(row)
+    return _markdown(heads, rows)
+
+
+def training(arms: Sequence[ArmFigures]) -> str:
+    """The paper's training table: means of the last episodes, over seeds."""
+    heads = ["arm", "seeds", *(title for _, title, _, _ in TRAINING)]
+    rows = []
+    seen: set[str] = set()
+    for arm in arms:
+        if not arm.training:
+            continue
+        if arm.controller in PUBLISHED_TRAINING and arm.controller not in seen:
+            published = PUBLISHED_TRAINING[arm.controller]
+            cells = [
+                f"{factor * published[name]:.{digits}f}" if name in published else ""
+                for name, _, factor, digits in TRAINING
+            ]
+            rows.append([f"*{cell(arm.controller)}, published*", "5", *cells])
+        seen.add(arm.controller)
+        cells = [
+            _range([factor * last_mean(rows_, name) for rows_ in arm.training], digits)
+            for name, _, factor, digits in TRAINING
+        ]
+        rows.append([cell(arm.title), str(len(arm.training)), *cells])
+    return _markdown(heads, rows)
+
+
+def last_mean(rows: Rows, name: str) -> float:
+    """Mean of a measure over the last training episodes; NaN if there was none."""
+    last = [float(row[name]) for row in rows[-TRAINING_WINDOW:]]
+    return float(np.mean(last)) if last else nan
+
+
+def text(arms: Sequence[ArmFigures], world: str) -> str:
+    """The test table for a terminal, means alone."""
+    rows = [["", *(_head(metric) for metric in SHOWN)]]
+    seen: set[str] = set()
+    for arm in arms:
+        if arm.controller in PUBLISHED and arm.controller not in seen:
+            published = PUBLISHED[arm.controller]
+            figures = [number(metric, published[metric.name]) for metric in SHOWN]
+            rows.append([f"{arm.controller}, published", *figures])
+        seen.add(arm.controller)
+        if arm.tests.get(world):
+            means = [float(np.mean(arm.values(world, metric.name))) for metric in SHOWN]
+            cells = [number(metric, mean) for metric, mean in zip(SHOWN, means, strict=True)]
+            rows.append([f"{arm.title} ({len(arm.tests[world])})", *cells])
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    lines = [
+        "  ".join(
+            [
+                row[0].ljust(widths[0]),
+                *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True)),
+            ]
+        )
+        for row in rows
+    ]
+    return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]]) + "\n"
+
+
+def _head(metric: Metric) -> str:
+    return f"{metric.title}, {unit(metric)}" if unit(metric) else metric.title
+
+
+def _span(metric: Metric, values: Sequence[float]) -> str:
+    """Mean over seeds, lowest and highest."""
+    shown = number(metric, float(np.mean(values)))
+    if len(values) == 1:
+        return shown
+    return f"{shown} ({number(metric, min(values))} to {number(metric, max(values))})"
+
+
+def _range(values: Sequence[float], digits: int) -> str:
+    known = [value for value in values if isfinite(value)]
+    if not known:
+        return "-"
+    mean = f"{np.mean(known):.{digits}f}"
+    if len(known) == 1:
+        return mean
+    return f"{mean} ({min(known):.{digits}f} to {max(known):.{digits}f})"
+
+
+def _with_interval(metric: Metric, summary: Summary) -> str:
+    shown = number(metric, summary.values[metric.name])
+    interval = summary.intervals.get(metric.name)
+    return shown if interval is None else f"{shown} {bounds(metric, interval)}"
+
+
+def _estimate(metric: Metric, estimate: Estimate) -> str:
+    shown = number(metric, estimate.value)
+    known = isfinite(estimate.interval[0])
+    return f"{shown} {bounds(metric, estimate.interval)}" if known else shown
+
+
+def _improvement(
+    scores: Sequence[float], held: ArmFigures | None, world: str, metric: Metric
+) -> str:
+    others = held.values(world, metric.name) if held is not None else []
+    if not others:
+        return "-"
+    value = aggregates.probability_of_improvement(scores, others)
+    low, high = aggregates.improvement_interval(scores, others)
+    return f"{value:.2f} ({low:.2f}, {high:.2f})" if isfinite(low) else f"{value:.2f}"
+
+
+def _markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = ["| " + " | ".join(heads) + " |", "|---|" + "---:|" * (len(heads) - 1)]
+    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
