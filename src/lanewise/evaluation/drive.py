@@ -232,6 +232,8 @@ def recording(
     with_goals = isinstance(memory, GoalMemory)
     lane = memory.goal.lane if with_goals else np.full(frames, -1)
     speed = memory.goal.speed if with_goals else np.full(frames, np.nan)
+    ended = memory.ended if with_goals else np.zeros(frames)
+    timed_out = memory.timed_out if with_goals else np.zeros(frames)
     return Recording(
         controller=course.controller.name,
         time=np.arange(frames + 1, dtype=np.float64) * course.driving.decision_duration,
@@ -248,6 +250,8 @@ def recording(
         lane_width=np.asarray(world.road.width, np.float64),
         goal_lane=padded(lane, lane[0], np.int64),
         goal_speed=padded(speed, speed[0]),
+        goals_ended=padded(ended, 0, np.int64),
+        goals_timed_out=padded(timed_out, 0, np.int64),
         reward=padded(reward, 0.0),
         accumulated_reward=padded(sums.reward, 0.0),
         escaped=padded(sums.escape > 0, False, np.bool_),
