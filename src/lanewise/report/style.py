@@ -115,12 +115,31 @@ def curve(axes: Axes, x: Floats, y: Floats, style: Style, **more: Any) -> None:
     axes.plot(x, y, color=style.colour, linestyle=style.dashes, linewidth=DRAWN, **more)
 
 
-def band(axes: Axes, x: Floats, low: Floats, high: Floats, style: Style, **more: Any) -> None:
-    """What lies between two curves, pale, with edges in the style's dashes."""
-    axes.fill_between(x, low, high, color=style.colour, alpha=0.13, linewidth=0.0, **more)
+def band(
+    axes: Axes, x: Floats, low: Floats, high: Floats, style: Style, *, stepped: bool = False
+) -> None:
+    """What lies between two curves, pale, with thin edges; stepped: each value holds till the next.
+
+    The edges keep the style's dashes, so that bands differ in grey too.
+    """
+    axes.fill_between(
+        x,
+        low,
+        high,
+        color=style.colour,
+        alpha=0.13,
+        linewidth=0.0,
+        step="post" if stepped else None,
+    )
     for edge in (low, high):
         axes.plot(
-            x, edge, color=style.colour, linestyle=style.dashes, linewidth=THIN, alpha=0.7, **more
+            x,
+            edge,
+            color=style.colour,
+            linestyle=style.dashes,
+            linewidth=THIN,
+            alpha=0.7,
+            drawstyle="steps-post" if stepped else "default",
         )
 
 

@@ -5,6 +5,7 @@ from math import isfinite
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
 from lanewise.report import style
@@ -27,6 +28,8 @@ REWARDS = {
     "timestep_reward": "reward per episode,\none a second",
 }
 """Column of the reward, and what it sums; the paper does not say which of the two it shows."""
+POINTS = 1000
+"""About as many places of a curve are drawn: more would show no more, and swell the SVG."""
 BAND = "lowest to highest seed"
 SETTLED = "epsilon at its final value"
 
@@ -114,12 +117,19 @@ def over_seeds(seeds: Sequence[Floats]) -> tuple[Floats, Floats, Floats]:
     return table.mean(axis=0), table.min(axis=0), table.max(axis=0)
 
 
+def drawn_places(length: int) -> NDArray[np.int64]:
+    """Which episodes of a curve are drawn: evenly spaced, the last among them."""
+    step = -(-length // POINTS)
+    return np.arange(length - 1, -1, -step, dtype=np.int64)[::-1]
+
+
 def _arm(axes: Axes, seeds: Sequence[Floats], own: Style, settled: float | None) -> None:
     mean, low, high = over_seeds(seeds)
     episode = np.arange(1.0, len(mean) + 1.0)
+    drawn = drawn_places(len(mean))
     if len(seeds) > 1:
-        style.band(axes, episode, low, high, own)
-    style.curve(axes, episode, mean, own)
+        style.band(axes, episode[drawn], low[drawn], high[drawn], own)
+    style.curve(axes, episode[drawn], mean[drawn], own)
     if settled is not None and 1.0 <= settled <= len(mean):
         height = float(np.interp(settled, episode, mean))
         # A seed's first episodes may lack a value; then there is no height to mark.
