@@ -83,9 +83,7 @@ def _line(axes: Axes, rows: Rows, number: int, what: tuple[str, str, float, floa
     style.curve(axes, x, smooth, own, label=str(rows[0]["stage"]))
     settled = settled_at(column_of(rows, "epsilon"))
     if settled is not None:
-        axes.axvline(
-            x[settled], color=own.colour, linestyle=own.dashes, linewidth=0.8, alpha=0.6
-        )
+        axes.axvline(x[settled], color=own.colour, linestyle=own.dashes, linewidth=0.8, alpha=0.6)
 
 
 def column_of(rows: Rows, name: str) -> NDArray[np.float64]:

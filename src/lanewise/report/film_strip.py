@@ -11,6 +11,7 @@ from lanewise.report import road, style
 from lanewise.report.extras import needed_for
 from lanewise.report.road import Place
 from lanewise.report.scene import Moment, moment
+from lanewise.report.style import Look
 
 with needed_for("the film strip"):
     from matplotlib.axes import Axes
@@ -99,9 +100,7 @@ def _frame(axes: Axes, recording: Recording, now: Moment) -> None:
     road.lanes(axes, recording.lane_centre, recording.lane_width, seen)
     lane = int(recording.goal_lane[now.index])
     if lane >= 0:
-        road.goal_lane(
-            axes, float(recording.lane_centre[lane]), float(recording.lane_width[lane])
-        )
+        road.goal_lane(axes, float(recording.lane_centre[lane]), float(recording.lane_width[lane]))
     traps = iter("123456789")
     for number in np.flatnonzero(recording.present):
         place = Place(
@@ -133,10 +132,10 @@ def _seen(recording: Recording, times: Sequence[float]) -> set[int]:
 def _caption(axes: Axes, recording: Recording, t: float) -> None:
     now = moment(recording, t)
     over = t > recording.time[-1] + 1e-9
-    instant = "–" if over or now.index == 0 else f"{recording.reward[now.index]:+.2f}"
+    instant = "-" if over or now.index == 0 else f"{recording.reward[now.index]:+.2f}"
     words = f"$r_t$ = {instant}   $R_t$ = {recording.accumulated_reward[now.index]:.2f}"
     words += f"   {now.ego_speed:.1f} m/s"
-    below = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "top"}
+    below: Look = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "top"}
     axes.annotate(words, (0.0, 0.0), (0.0, -2.0), ha="left", fontsize="small", **below)
     axes.annotate(
         _fate(recording, now, over),

@@ -10,9 +10,10 @@ from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import Recording
 from lanewise.report import style
 from lanewise.report.extras import needed_for
-from lanewise.report.style import Floats, Style
+from lanewise.report.style import Floats, Look, Style
 
 with needed_for("the profiles"):
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
@@ -152,7 +153,7 @@ def _arm(axes: Axes, one: Profile, name: str, own: Style) -> None:
             axes.plot(when, height, **_cross(own.colour))
 
 
-def _cross(colour: str) -> dict[str, object]:
+def _cross(colour: str) -> Look:
     return {
         "marker": "x",
         "markersize": 7.0,
@@ -163,16 +164,12 @@ def _cross(colour: str) -> dict[str, object]:
     }
 
 
-def _key(
-    arms: Arms, profiles: Mapping[str, Profile], looks: Mapping[str, Style]
-) -> list[object]:
-    handles: list[object] = []
+def _key(arms: Arms, profiles: Mapping[str, Profile], looks: Mapping[str, Style]) -> list[Artist]:
+    handles: list[Artist] = []
     for title, runs in arms.items():
         own = looks[title]
         name = f"{title} ({len(runs)} episode{'s' if len(runs) > 1 else ''})"
-        handles.append(
-            Line2D([], [], color=own.colour, ls=own.dashes, lw=style.DRAWN, label=name)
-        )
+        handles.append(Line2D([], [], color=own.colour, ls=own.dashes, lw=style.DRAWN, label=name))
     if any(len(runs) > 1 for runs in arms.values()):
         handles.append(style.band_key(f"band: {BAND}"))
     if any(one.accidents for one in profiles.values()):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lanewise.report.extras import needed_for
-from lanewise.report.style import Floats
+from lanewise.report.style import Floats, Look
 
 with needed_for("a picture of the road"):
     from matplotlib.axes import Axes
@@ -94,7 +94,6 @@ def vehicle(axes: Axes, place: Place, role: int, letter: str = "", *, ghost: boo
             ha="center",
             va="center_baseline",
             zorder=4,
-            gid="letter",
         )
 
 
@@ -119,11 +118,12 @@ def goal_lane(axes: Axes, centre: float, width: float) -> None:
 
 
 def letter_size(axes: Axes, height: float) -> float:
-    """Font size, points, of a capital that fills two thirds of `height` m in the axes."""
+    """Font size, points, of a capital that fills two thirds of `height` m, but no giant."""
     box = axes.get_position()
     low, high = axes.get_ylim()
     inches = axes.get_figure(root=True).get_figheight() * box.height  # type: ignore[union-attr]
-    return 72.0 * inches * height / abs(high - low) * 0.66 / 0.73
+    # A capital of DejaVu Sans is 0.73 of the font size tall.
+    return min(72.0 * inches * height / abs(high - low) * 0.66 / 0.73, 15.0)
 
 
 def key(roles: Sequence[int]) -> list[Patch]:
@@ -136,7 +136,7 @@ def key(roles: Sequence[int]) -> list[Patch]:
 
 def goal_key() -> Line2D:
     """Legend entry of the chevrons."""
-    more = {"linestyle": "", "markersize": 14.0, "markeredgewidth": 0.4}
+    more: Look = {"linestyle": "", "markersize": 14.0, "markeredgewidth": 0.4}
     return Line2D([], [], color=GOAL, marker="$>>>$", label="lane of the goal", **more)
 
 

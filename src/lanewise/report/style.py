@@ -20,6 +20,8 @@ with needed_for("a figure"):
     from matplotlib.patches import Patch
 
 Floats = NDArray[np.float64]
+Look = dict[str, Any]
+"""Keywords of a matplotlib artist."""
 
 FORMATS = (".png", ".svg")
 """What every figure can be written as."""
@@ -32,6 +34,7 @@ DRAWN, THIN = 1.6, 0.5
 GRID = "0.9"
 MUTED = "0.35"
 """Greys of the grid and of what is less important."""
+MINUS, TIMES = "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}"
 
 
 class Style(NamedTuple):

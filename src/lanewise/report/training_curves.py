@@ -11,9 +11,10 @@ from lanewise.errors import LanewiseError
 from lanewise.report import style
 from lanewise.report.curves import Rows, column_of, running_mean, settled_at
 from lanewise.report.extras import needed_for
-from lanewise.report.style import Floats, Style
+from lanewise.report.style import Floats, Look, Style
 
 with needed_for("the training figure"):
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
@@ -137,7 +138,7 @@ def _arm(axes: Axes, seeds: Sequence[Floats], own: Style, settled: float | None)
             axes.plot(settled, height, **_mark(own), zorder=5)
 
 
-def _mark(own: Style) -> dict[str, object]:
+def _mark(own: Style) -> Look:
     return {
         "marker": own.marker,
         "markersize": 6.5,
@@ -148,14 +149,12 @@ def _mark(own: Style) -> dict[str, object]:
     }
 
 
-def _key(arms: Arms, looks: Mapping[str, Style], marks: Mapping[str, float]) -> list[object]:
-    handles: list[object] = []
+def _key(arms: Arms, looks: Mapping[str, Style], marks: Mapping[str, float]) -> list[Artist]:
+    handles: list[Artist] = []
     for title, seeds in arms.items():
         own = looks[title]
         name = f"{title} ({len(seeds)} seed{'s' if len(seeds) > 1 else ''})"
-        handles.append(
-            Line2D([], [], color=own.colour, ls=own.dashes, lw=style.DRAWN, label=name)
-        )
+        handles.append(Line2D([], [], color=own.colour, ls=own.dashes, lw=style.DRAWN, label=name))
     if any(len(seeds) > 1 for seeds in arms.values()):
         handles.append(style.band_key(f"band: {BAND}"))
     if marks:
