@@ -69,7 +69,7 @@ def draw(rows: Rows, *, against: str = "decisions", window: float = 0.05) -> Fig
     style.thousands(panels[-1])
     handles, _ = panels[0].get_legend_handles_labels()
     mark = Line2D([], [], color="0.4", marker="|", markersize=9, linestyle="", label=SETTLED)
-    figure.legend(handles=[*handles, mark], loc="outside upper center", ncols=4, frameon=False)
+    style.legend(figure, [*handles, mark], most=4)
     return figure
 
 

@@ -18,6 +18,8 @@ Point = tuple[float, float]
 
 LINE = 0.165
 """Height of a line of a box's text, inches."""
+SMALLEST = 4.0
+"""Font size below which nobody could read it, points."""
 
 
 class Kind(Enum):
@@ -104,11 +106,10 @@ def box(axes: Axes, place: Box, kind: Kind, title: str, lines: Sequence[str] = (
 
 
 def _fit(text: Text, inches: float) -> None:
-    """Make a text smaller where it is wider than its room."""
-    dpi = text.get_figure(root=True).get_dpi()  # type: ignore[union-attr]
-    wide = text.get_window_extent().width / dpi
-    if wide > inches:
-        text.set_fontsize(text.get_fontsize() * inches / wide)
+    """Make a text smaller until it has room; widths do not quite follow sizes."""
+    room = inches * text.get_figure(root=True).get_dpi()  # type: ignore[union-attr]
+    while text.get_window_extent().width > room and float(text.get_fontsize()) > SMALLEST:
+        text.set_fontsize(float(text.get_fontsize()) - 0.25)
 
 
 def arrow(axes: Axes, points: Sequence[Point], *, dashed: bool = False, color: str = "0") -> None:

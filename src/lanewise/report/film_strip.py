@@ -21,8 +21,8 @@ TIMES = (1.0, 2.0, 3.0, 4.0, 9.0, 18.0)
 """The paper's moments, s."""
 SEEN = (-30.0, 52.0)
 """Stretch of road in a frame, m from the ego's centre."""
-MOST = 3
-"""More columns would leave vehicles too small to tell apart."""
+MOST = 2
+"""More columns would leave no room for the words below the frames."""
 LEFT, GAP, TOP, BOTTOM = 0.7, 0.22, 0.56, 0.42
 """Margins of the figure and the gap between columns, inches."""
 CAPTION = 0.27
@@ -39,7 +39,7 @@ def write(
     ego. The view follows the ego. After its end an episode stands still, and has no r_t.
 
     Args:
-        columns: by title, left to right, at most three.
+        columns: by title, left to right, at most two.
         path: ending in .png or .svg.
         times: s, top to bottom.
 
@@ -71,7 +71,7 @@ def draw(columns: Mapping[str, Recording], *, times: Sequence[float] = TIMES) ->
             _frame(axes, recording, moment(recording, t))
             _caption(axes, recording, t)
             if row == 0:
-                axes.set_title(title, fontweight="bold", fontsize="medium", pad=4.0)
+                axes.set_title(style.plain(title), fontweight="bold", fontsize="medium", pad=4.0)
             if column == 0:
                 axes.set_ylabel(f"$t$ = {t:g} s", rotation=0, ha="right", va="center")
             _scale(axes, last=row == len(times) - 1)
@@ -160,7 +160,7 @@ def _fate(recording: Recording, now: Moment, over: bool) -> str:
     traps = (recording.role == 1) & recording.present
     fronts = now.x[traps] + recording.length[traps] / 2.0
     gap = now.x[0] - recording.length[0] / 2.0 - fronts.max()
-    return f"{gap:.0f} m past the trap" if gap > 0.0 else "out, passed again"
+    return f"{gap:.0f} m past the trap" if gap > 0.0 else "passed again"
 
 
 def _scale(axes: Axes, *, last: bool) -> None:

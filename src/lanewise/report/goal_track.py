@@ -78,9 +78,7 @@ def draw(recording: Recording) -> Figure:
     across.set_ylabel("across the road, m")
     speed.set_ylabel("speed, m/s")
     speed.set_xlabel("time, s")
-    figure.legend(
-        handles=_key(recording, found), loc="outside upper center", ncols=4, frameon=False
-    )
+    style.legend(figure, _key(recording, found), most=4)
     return figure
 
 

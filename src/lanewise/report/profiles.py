@@ -83,9 +83,7 @@ def draw(arms: Arms, *, seconds: float = SECONDS) -> Figure:
             _arm(axes, one, name, looks[title])
         axes.set_ylabel(label)
     panels[-1].set_xlabel("time, timesteps of 1 s")
-    figure.legend(
-        handles=_key(arms, profiles, looks), loc="outside upper center", ncols=3, frameon=False
-    )
+    style.legend(figure, _key(arms, profiles, looks))
     return figure
 
 
@@ -168,7 +166,7 @@ def _key(arms: Arms, profiles: Mapping[str, Profile], looks: Mapping[str, Style]
     handles: list[Artist] = []
     for title, runs in arms.items():
         own = looks[title]
-        name = f"{title} ({len(runs)} episode{'s' if len(runs) > 1 else ''})"
+        name = f"{style.plain(title)} ({len(runs)} episode{'s' if len(runs) > 1 else ''})"
         handles.append(Line2D([], [], color=own.colour, ls=own.dashes, lw=style.DRAWN, label=name))
     if any(len(runs) > 1 for runs in arms.values()):
         handles.append(style.band_key(f"band: {BAND}"))

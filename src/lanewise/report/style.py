@@ -1,6 +1,6 @@
 """How every figure looks, and how it is written: one place for fonts, lines, bands and files."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,6 +15,7 @@ from lanewise.report.files import check_suffix, replacing
 with needed_for("a figure"):
     import matplotlib.style
     import matplotlib.ticker
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
@@ -149,6 +150,24 @@ def band(
 def band_key(label: str) -> Patch:
     """A band's entry in a legend."""
     return Patch(facecolor="0.87", edgecolor="0.4", linewidth=THIN, label=label)
+
+
+def legend(figure: Figure, handles: Sequence[Artist], most: int = 3) -> None:
+    """A legend above the panels, in as many columns as its labels leave room for."""
+    longest = max(len(str(handle.get_label())) for handle in handles)
+    # A letter of this size is 0.075 inches wide on average, a handle with its space 0.65.
+    columns = int(WIDTH / (0.65 + 0.075 * longest))
+    figure.legend(
+        handles=handles,
+        loc="outside upper center",
+        ncols=max(1, min(most, columns, len(handles))),
+        frameon=False,
+    )
+
+
+def plain(title: str) -> str:
+    """A title as it stands, on one line: nothing in it is read as mathematics."""
+    return " ".join(title.split()).replace("$", r"\$")
 
 
 def panels(figure: Figure, count: int) -> list[Axes]:

@@ -92,9 +92,7 @@ def draw(
     panels[0].set_ylim(-3.0, 103.0)
     panels[-1].set_xlabel(f"training episode (running mean over the last {window})")
     style.thousands(panels[-1])
-    figure.legend(
-        handles=_key(arms, looks, marks), loc="outside upper center", ncols=3, frameon=False
-    )
+    style.legend(figure, _key(arms, looks, marks))
     return figure
 
 
@@ -153,7 +151,7 @@ def _key(arms: Arms, looks: Mapping[str, Style], marks: Mapping[str, float]) -> 
     handles: list[Artist] = []
     for title, seeds in arms.items():
         own = looks[title]
-        name = f"{title} ({len(seeds)} seed{'s' if len(seeds) > 1 else ''})"
+        name = f"{style.plain(title)} ({len(seeds)} seed{'s' if len(seeds) > 1 else ''})"
         handles.append(Line2D([], [], color=own.colour, ls=own.dashes, lw=style.DRAWN, label=name))
     if any(len(seeds) > 1 for seeds in arms.values()):
         handles.append(style.band_key(f"band: {BAND}"))
