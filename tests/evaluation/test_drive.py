@@ -5,6 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from lanewise.controllers.planned import Planned
+from lanewise.controllers.settings import GoalSettings, PlannerSettings
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation import drive
@@ -96,5 +98,32 @@ def test_a_recording_agrees_with_the_test(monkeypatch):
     assert recording.accumulated_reward[-1] == pytest.approx(found.accumulated_reward[0])
     assert recording.accident == found.accident[0]
     assert recording.goal_lane.tolist() == [-1] * 17
+    assert recording.goals_ended.tolist() == [0] * 17
+    assert recording.goals_timed_out.tolist() == [0] * 17
     np.testing.assert_allclose(recording.time, np.arange(17) / 2)
     np.testing.assert_allclose(recording.x[:, 0], 7.0 * np.arange(17), rtol=1e-5)
+
+
+def test_a_recording_counts_the_goals_as_the_goal_critic_does(monkeypatch):
+    """Recounted from the frames alone: reached by the paper's thresholds, or given up in time."""
+    monkeypatch.setattr(drive, "BLOCK", 1)
+    goals = GoalSettings(time_limit=1.5)
+    controller = Planned(DrivingSettings(), goals, PlannerSettings(preview=1), "critic")
+    course = course_of(EMPTY, controller, 24)
+    weights = {"high_level": network.init(jax.random.key(1), 26, (8,), 9)}
+    recording = drive.record(course, weights, 0, 0)
+    along = recording.speed[:, 0] * np.cos(recording.heading[:, 0])
+    ended, timed_out, age = [0, 0], [0, 0], 1
+    for seen in range(1, len(recording.time) - 1):
+        lateral = recording.lane_centre[recording.goal_lane[seen]] - recording.y[seen, 0]
+        speed = recording.goal_speed[seen] - along[seen]
+        reached = abs(lateral) < 0.3 and abs(speed) < 0.3
+        given_up = not reached and age >= 3
+        ended.append(ended[-1] + (reached or given_up))
+        timed_out.append(timed_out[-1] + given_up)
+        age = 1 if reached or given_up else age + 1
+    assert recording.goals_ended.tolist() == ended
+    assert recording.goals_timed_out.tolist() == timed_out
+    assert 0 < timed_out[-1] < ended[-1]
+    found = drive.test(course, weights, 0, 1)
+    assert (found.goals[0], found.goals_timed_out[0]) == (ended[-1], timed_out[-1])

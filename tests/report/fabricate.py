@@ -41,7 +41,10 @@ def make_recording(accident: int = 0, goals: bool = True, seconds: float = 25.0)
         lane_width=np.full(3, 4.0),
         goal_lane=lanes if goals else np.full(frames, -1),
         goal_speed=np.where(time < 9, 8.0, 15.0) if goals else np.full(frames, np.nan),
-        reward=reward,
+        # The first goal is given up at 2.5 s, the second reached at 8.5 s, if it comes to that.
+        goals_ended=((time >= 3).astype(int) + (time >= 9)) * int(goals),
+        goals_timed_out=(time >= 3).astype(int) * int(goals),
+        reward=np.where(np.arange(frames) == 0, 0.0, reward),
         accumulated_reward=np.cumsum(np.where(np.arange(frames) % 2 == 0, reward, 0.0)),
         escaped=xs[:, 0] - 5.0 > xs[:, 1],
         accident=accident,
@@ -68,6 +71,30 @@ def make_rows() -> list[dict]:
                 }
             )
     return rows
+
+
+def make_training(lengths: tuple[int, ...] = (80, 60), final: float = 0.9) -> list[list[dict]]:
+    """Finished training episodes of several seeds."""
+    seeds = []
+    for seed, length in enumerate(lengths):
+        rng = np.random.default_rng(seed)
+        share = 1.0 / (1.0 + np.exp(-(np.arange(length) - 25) / 6))
+        success = rng.random(length) < final * share
+        seeds.append(
+            [
+                {
+                    "kind": "episode",
+                    "stage": "step-2",
+                    "episode": number + 1,
+                    "success": bool(success[number]),
+                    "reward": float(20 + 30 * success[number] + rng.normal()),
+                    "timestep_reward": float(10 + 15 * success[number] + rng.normal()),
+                    "speed": float(10 + 3 * success[number] + 0.2 * rng.normal()),
+                }
+                for number in range(length)
+            ]
+        )
+    return seeds
 
 
 def make_episodes(successes: int = 293, total: int = 300) -> Episodes:

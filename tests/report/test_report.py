@@ -81,7 +81,7 @@ def test_tables_alone_need_no_figures(tmp_path, episodes, monkeypatch):
 def test_missing_package_says_what_to_install(monkeypatch, part, package):
     monkeypatch.setitem(sys.modules, package, None)
     for name in [name for name in sys.modules if name.startswith("lanewise.report.")]:
-        if name.endswith(("scene", "clip", "curves")):
+        if name.endswith(("scene", "clip", "curves", "style")):
             monkeypatch.delitem(sys.modules, name)
     with pytest.raises(LanewiseError, match=r'pip install "lanewise\[report\]"'):
         importlib.import_module(f"lanewise.report.{part}")

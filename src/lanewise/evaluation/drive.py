@@ -242,6 +242,8 @@ def recording(
     goal = course.controller.goal(memory)
     lane = np.full(frames, -1) if goal is None else goal.goal.lane
     speed = np.full(frames, np.nan) if goal is None else goal.goal.speed
+    ended = np.zeros(frames) if goal is None else goal.ended
+    timed_out = np.zeros(frames) if goal is None else goal.timed_out
     return Recording(
         controller=course.controller.name,
         time=np.arange(frames + 1, dtype=np.float64) * course.driving.decision_duration,
@@ -258,6 +260,8 @@ def recording(
         lane_width=np.asarray(world.road.width, np.float64),
         goal_lane=padded(lane, lane[0], np.int64),
         goal_speed=padded(speed, speed[0]),
+        goals_ended=padded(ended, 0, np.int64),
+        goals_timed_out=padded(timed_out, 0, np.int64),
         reward=padded(reward, 0.0),
         accumulated_reward=padded(sums.reward, 0.0),
         escaped=padded(sums.escape > 0, False, np.bool_),

@@ -73,6 +73,11 @@ class Recording:
     """[T] lane the high level asked for at that moment; -1 for a controller without goals."""
     goal_speed: NDArray[np.float64]
     """[T] m/s; NaN for a controller without goals."""
+    goals_ended: NDArray[np.int64]
+    """[T] goals that had ended (reached or given up) when the decision that ended there was taken:
+    it grows in the frame where the next goal first stands; 0 for a controller without goals."""
+    goals_timed_out: NDArray[np.int64]
+    """[T] of those, how many were given up."""
     reward: NDArray[np.float64]
     """[T] reward of the decision that ended there; 0 in the first frame."""
     accumulated_reward: NDArray[np.float64]

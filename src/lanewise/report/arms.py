@@ -63,7 +63,7 @@ def tests(arms: Sequence[ArmFigures], world: str) -> str:
         if arm.controller in PUBLISHED and arm.controller not in seen:
             published = PUBLISHED[arm.controller]
             figures = [number(metric, published[metric.name]) for metric in SHOWN]
-            rows.append([f"*{cell(arm.controller)}, published*", "?", *figures])
+            rows.append([f"*{cell(arm.controller)}, published*", "-", *figures])
         seen.add(arm.controller)
         if arm.tests.get(world):
             cells = [_span(metric, arm.values(world, metric.name)) for metric in SHOWN]
@@ -161,15 +161,10 @@ def text(arms: Sequence[ArmFigures], world: str) -> str:
             cells = [number(metric, mean) for metric, mean in zip(SHOWN, means, strict=True)]
             rows.append([f"{arm.title} ({len(arm.tests[world])})", *cells])
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    lines = [
-        "  ".join(
-            [
-                row[0].ljust(widths[0]),
-                *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True)),
-            ]
-        )
-        for row in rows
-    ]
+    lines = []
+    for label, *figures in rows:
+        padded = [figure.rjust(width) for figure, width in zip(figures, widths[1:], strict=True)]
+        lines.append("  ".join([label.ljust(widths[0]), *padded]))
     return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]]) + "\n"
 
 

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
+from lanewise.report import style
 from lanewise.report.extras import needed_for
-from lanewise.report.files import check_suffix, replacing
+from lanewise.report.style import STYLES
 
 with needed_for("the learning-curve figure"):
-    import matplotlib
-    import matplotlib.ticker
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
@@ -29,23 +28,6 @@ PANELS = (
 """Column of the metrics rows, label with its unit, and factor to that unit."""
 
 SETTLED = "epsilon at its final value"
-
-# Okabe and Ito's colours differ for every kind of colour vision, the line styles in grey print.
-STYLES = (
-    ("#000000", (0, ())),
-    ("#0072B2", (0, (5, 1.5))),
-    ("#D55E00", (0, (1, 1))),
-    ("#009E73", (0, (6, 1.5, 1, 1.5))),
-    ("#CC79A7", (0, (3, 1, 1, 1, 1, 1))),
-)
-
-_RC: dict[Any, Any] = {
-    "font.size": 9.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "lanewise",
-}
 
 
 def write_curves(
@@ -66,49 +48,42 @@ def write_curves(
     Raises:
         LanewiseError: if there is no row, or the file cannot be written.
     """
-    suffix = check_suffix(path, (".png", ".svg"))
     if not rows:
         raise LanewiseError("there are no metrics to draw; train first")
-    # Without the date in it, the same rows give the same file.
-    metadata = {"Date": None} if suffix == ".svg" else {"Software": "lanewise"}
-    with matplotlib.rc_context(_RC), replacing(path) as beside:
-        figure = draw(rows, against=against, window=window)
-        figure.savefig(beside, format=suffix[1:], dpi=160, metadata=metadata)
+    style.write(path, lambda: draw(rows, against=against, window=window))
 
 
+@style.look()
 def draw(rows: Rows, *, against: str = "decisions", window: float = 0.05) -> Figure:
     """The figure of `write_curves`."""
-    figure = Figure(figsize=(7.2, 6.4), layout="constrained")
-    panels = figure.subplots(len(PANELS), 1, sharex=True)
+    figure = Figure(figsize=(style.WIDTH, 6.4), layout="constrained")
+    panels = style.panels(figure, len(PANELS))
     stages = list(dict.fromkeys(str(row["stage"]) for row in rows))
     for axes, (column, label, factor) in zip(panels, PANELS, strict=True):
         for number, stage in enumerate(stages):
             own = [row for row in rows if str(row["stage"]) == stage]
             _line(axes, own, number, (against, column, factor, window))
         axes.set_ylabel(label)
-        axes.grid(color="0.9", linewidth=0.6)
-        axes.margins(x=0.01)
     panels[0].set_ylim(-3.0, 103.0)
     panels[-1].set_xlabel(f"{against} of the stage")
-    panels[-1].xaxis.set_major_formatter(matplotlib.ticker.FuncFormatter(_thousands))
+    style.thousands(panels[-1])
     handles, _ = panels[0].get_legend_handles_labels()
     mark = Line2D([], [], color="0.4", marker="|", markersize=9, linestyle="", label=SETTLED)
-    figure.legend(handles=[*handles, mark], loc="outside upper center", ncols=4, frameon=False)
+    style.legend(figure, [*handles, mark], most=4)
     return figure
 
 
 def _line(axes: Axes, rows: Rows, number: int, what: tuple[str, str, float, float]) -> None:
     against, column, factor, window = what
-    colour, dashes = STYLES[number % len(STYLES)]
+    own = STYLES[number % len(STYLES)]
     x = column_of(rows, against)
     y = factor * column_of(rows, column)
     smooth = running_mean(y, max(1, round(window * len(y))))
-    axes.plot(x, y, color=colour, linewidth=0.6, alpha=0.25)
-    name = str(rows[0]["stage"])
-    axes.plot(x, smooth, color=colour, linestyle=dashes, linewidth=1.8, label=name)
+    axes.plot(x, y, color=own.colour, linewidth=0.6, alpha=0.25)
+    style.curve(axes, x, smooth, own, label=str(rows[0]["stage"]))
     settled = settled_at(column_of(rows, "epsilon"))
     if settled is not None:
-        axes.axvline(x[settled], color=colour, linestyle=dashes, linewidth=0.8, alpha=0.6)
+        axes.axvline(x[settled], color=own.colour, linestyle=own.dashes, linewidth=0.8, alpha=0.6)
 
 
 def column_of(rows: Rows, name: str) -> NDArray[np.float64]:
@@ -136,7 +111,3 @@ def settled_at(epsilon: NDArray[np.float64]) -> int | None:
         return None
     first = int(np.flatnonzero(epsilon <= known[-1] + 1e-6)[0])
     return first if first < len(epsilon) - 1 else None
-
-
-def _thousands(value: float, _: int) -> str:
-    return f"{value:,.0f}"

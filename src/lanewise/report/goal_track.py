@@ -1,0 +1,171 @@
+"""The goals of an episode: which lane and speed were asked for, and what the ego made of them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lanewise.errors import LanewiseError
+from lanewise.evaluation.episodes import ACCIDENTS, Recording
+from lanewise.report import style
+from lanewise.report.extras import needed_for
+from lanewise.report.style import STYLES, Floats, Look
+
+with needed_for("the goals figure"):
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+EGO, GOAL = STYLES[0], STYLES[1]
+SET: Look = {"marker": "|", "markersize": 9.0, "markeredgewidth": 1.3, "color": GOAL.colour}
+REACHED: Look = {"marker": "o", "markersize": 6.0, "markerfacecolor": "white", "color": "#00664B"}
+TIMED_OUT: Look = {"marker": "x", "markersize": 6.5, "markeredgewidth": 1.7, "color": "#D55E00"}
+"""Markers: a goal set, on the goal's line; reached or timed out, on the ego's."""
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Events:
+    """Frames of a recording at which something happened to a goal.
+
+    A goal is reviewed, and the next one set, when a decision is taken: at the end of the frame
+    before the one in which the recording's counts and goal have changed.
+    """
+
+    set: Indices
+    """A goal was set."""
+    reached: Indices
+    """A goal was found reached."""
+    timed_out: Indices
+    """A goal was given up."""
+
+
+def write(recording: Recording, path: Path | str) -> None:
+    """Draw an episode's goals into a PNG or SVG file.
+
+    Above, the lane asked for and the ego's place across the road; below, the speed asked for and
+    the ego's. A bar marks where a goal was set, a circle where one was reached, a cross where the
+    time limit ended one.
+
+    Args:
+        recording: of a controller with goals.
+        path: ending in .png or .svg.
+
+    Raises:
+        LanewiseError: if the controller has no goals, the recording no decision, or the file
+            cannot be written.
+    """
+    style.write(path, lambda: draw(recording))
+
+
+@style.look()
+def draw(recording: Recording) -> Figure:
+    """The figure of `write`."""
+    if len(recording.time) < 2:
+        raise LanewiseError("a recording without a decision has no goals to draw")
+    if (recording.goal_lane < 0).all():
+        raise LanewiseError(f"{recording.controller} sets no goals; there is nothing to draw")
+    found = events(recording)
+    figure = Figure(figsize=(style.WIDTH, 4.6), layout="constrained")
+    across, speed = style.panels(figure, 2)
+    _lanes(across, recording)
+    lateral = recording.lane_centre[recording.goal_lane]
+    _track(across, recording, lateral, recording.y[:, 0], found)
+    _track(speed, recording, recording.goal_speed, recording.speed[:, 0], found)
+    speed.margins(y=0.1)
+    across.set_ylabel("across the road, m")
+    speed.set_ylabel("speed, m/s")
+    speed.set_xlabel("time, s")
+    style.legend(figure, _key(recording, found), most=4)
+    return figure
+
+
+def events(recording: Recording) -> Events:
+    """When goals were set, reached and given up.
+
+    A goal set again unchanged, while the one before had not ended, leaves no trace.
+    """
+    ended, timed_out = np.diff(recording.goals_ended), np.diff(recording.goals_timed_out)
+    moved = np.diff(recording.goal_lane) != 0
+    moved |= np.diff(recording.goal_speed) != 0.0
+    fresh = moved | (ended > 0)
+    fresh[0] = True
+    return Events(
+        np.flatnonzero(fresh),
+        np.flatnonzero(ended > timed_out),
+        np.flatnonzero(timed_out > 0),
+    )
+
+
+def _lanes(axes: Axes, recording: Recording) -> None:
+    """Lanes as in a picture from above: the left one on top."""
+    left = recording.lane_centre - recording.lane_width / 2.0
+    right = recording.lane_centre + recording.lane_width / 2.0
+    axes.set_ylim(float(right.max()) + 0.3, float(left.min()) - 0.3)
+    axes.set_yticks(recording.lane_centre)
+    axes.grid(visible=False, axis="y")
+    for edge in np.unique(np.concatenate([left, right])):
+        inner = left.min() < edge < right.max()
+        dashes = (0, (6, 5)) if inner else (0, ())
+        axes.axhline(edge, color="0.6", linewidth=0.9, linestyle=dashes, zorder=1)
+    for number, centre in enumerate(recording.lane_centre, start=1):
+        axes.annotate(
+            f"lane {number}",
+            (1.0, centre),
+            (4.0, 0.0),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            va="center",
+            fontsize="small",
+            color=style.MUTED,
+        )
+
+
+def _track(axes: Axes, recording: Recording, goal: Floats, ego: Floats, found: Events) -> None:
+    time = recording.time
+    # The goal of a frame held throughout the decision that ended there.
+    axes.plot(
+        time,
+        goal,
+        color=GOAL.colour,
+        linestyle=GOAL.dashes,
+        linewidth=style.DRAWN,
+        drawstyle="steps-pre",
+        zorder=2,
+    )
+    axes.plot(time[found.set], goal[found.set + 1], linestyle="", zorder=3, **SET)
+    axes.plot(time, ego, color=EGO.colour, linewidth=style.DRAWN, zorder=4)
+    for frames, marker in ((found.reached, REACHED), (found.timed_out, TIMED_OUT)):
+        axes.plot(time[frames], ego[frames], linestyle="", zorder=5, **marker)
+    if recording.escaped.any():
+        out = time[int(np.argmax(recording.escaped))]
+        axes.axvline(out, color=style.MUTED, linewidth=1.0, linestyle=(0, (1, 2)), zorder=1)
+    if recording.accident:
+        axes.plot(time[-1], ego[-1], **_wreck(), zorder=6)
+
+
+def _wreck() -> Look:
+    return {"marker": "X", "markersize": 9.0, "color": "black", "linestyle": "", "clip_on": False}
+
+
+def _key(recording: Recording, found: Events) -> list[Line2D]:
+    def mark(label: str, frames: Indices, marker: Look) -> Line2D:
+        return Line2D([], [], linestyle="", label=f"{label} ({len(frames)})", **marker)
+
+    handles = [
+        Line2D([], [], color=EGO.colour, linewidth=style.DRAWN, label="ego"),
+        Line2D([], [], color=GOAL.colour, ls=GOAL.dashes, lw=style.DRAWN, label="goal"),
+        mark("goal set", found.set, SET),
+        mark("goal reached", found.reached, REACHED),
+        mark("goal timed out", found.timed_out, TIMED_OUT),
+    ]
+    if recording.escaped.any():
+        handles.append(
+            Line2D([], [], color=style.MUTED, ls=(0, (1, 2)), lw=1.0, label="out of the trap")
+        )
+    if recording.accident:
+        words = ACCIDENTS[recording.accident].replace("_", " ")
+        handles.append(Line2D([], [], label=words, **_wreck()))
+    return handles

@@ -1,0 +1,175 @@
+"""The paper's profiles: speed, instant and accumulated reward over the first timesteps."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lanewise.errors import LanewiseError
+from lanewise.evaluation.episodes import Recording
+from lanewise.report import style
+from lanewise.report.extras import needed_for
+from lanewise.report.style import Floats, Look, Style
+
+with needed_for("the profiles"):
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+Arms = Mapping[str, Sequence[Recording]]
+"""By a controller's title: recordings of the same length of test."""
+
+SECONDS = 40.0
+"""The paper's 40 timesteps."""
+QUANTILES = (0.1, 0.9)
+BAND = "middle 80 % of episodes"
+PANELS = (
+    ("speed", "speed, m/s"),
+    ("reward", "instant reward"),
+    ("accumulated_reward", "accumulated reward"),
+)
+"""Field of `Profile`, and label."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """One controller's recordings, one a row, after each decision."""
+
+    time: Floats
+    """[T] s."""
+    speed: Floats
+    """[E, T] the ego's, m/s; NaN after an accident."""
+    reward: Floats
+    """[E, T] of the decision that ended there; NaN at the start, in an accident and after it."""
+    accumulated_reward: Floats
+    """[E, T] the paper's sum, one reward a second; after an accident it stays, penalty included."""
+    accidents: Sequence[tuple[float, float, float]]
+    """(s, the ego's speed, accumulated reward) at each accident within `time`."""
+
+
+def write(arms: Arms, path: Path | str, *, seconds: float = SECONDS) -> None:
+    """Draw the arms' profiles into a PNG or SVG file.
+
+    Curves are means over the episodes still under way; bands hold the middle 80 % of them. An
+    accident is a cross: from then on its episode counts in the accumulated reward only, which
+    stays what it was, penalty included. The penalty itself is no instant reward of driving and
+    stands in the sum alone. A curve ends with the shortest recording that had no accident.
+
+    Args:
+        arms: recordings; controllers look the same in every figure.
+        path: ending in .png or .svg.
+        seconds: how far to draw.
+
+    Raises:
+        LanewiseError: if there is no arm, an arm without a recording, recordings of one arm with
+            different decision rates, too many arms, or the file cannot be written.
+    """
+    style.write(path, lambda: draw(arms, seconds=seconds))
+
+
+@style.look()
+def draw(arms: Arms, *, seconds: float = SECONDS) -> Figure:
+    """The figure of `write`."""
+    if not arms:
+        raise LanewiseError("there is no recording to draw")
+    looks = style.styles(arms)
+    profiles = {title: profile(title, runs, seconds) for title, runs in arms.items()}
+    figure = Figure(figsize=(style.WIDTH, 6.4), layout="constrained")
+    panels = style.panels(figure, len(PANELS))
+    for axes, (name, label) in zip(panels, PANELS, strict=True):
+        for title, one in profiles.items():
+            _arm(axes, one, name, looks[title])
+        axes.set_ylabel(label)
+    panels[-1].set_xlabel("time, timesteps of 1 s")
+    style.legend(figure, _key(arms, profiles, looks))
+    return figure
+
+
+def profile(title: str, recordings: Sequence[Recording], seconds: float) -> Profile:
+    """An arm's recordings side by side, as far as the shortest without an accident goes.
+
+    Raises:
+        LanewiseError: if there is none, or their frames do not fall on the same times.
+    """
+    if not recordings:
+        raise LanewiseError(f"{title}: there is no recording to draw")
+    whole = [recording for recording in recordings if not recording.accident]
+    longest = max(recordings, key=lambda recording: len(recording.time))
+    limit = min((run.time[-1] for run in whole), default=longest.time[-1])
+    time = longest.time[longest.time <= min(seconds, limit) + 1e-9]
+    for recording in recordings:
+        common = min(len(time), len(recording.time))
+        if not np.allclose(recording.time[:common], time[:common]):
+            raise LanewiseError(f"{title}: recordings with different decision rates")
+    accidents = [
+        (float(run.time[-1]), float(run.speed[-1, 0]), float(run.accumulated_reward[-1]))
+        for run in recordings
+        if run.accident and run.time[-1] <= time[-1] + 1e-9
+    ]
+    return Profile(
+        time,
+        np.stack([_padded(run.speed[:, 0], len(time), np.nan) for run in recordings]),
+        np.stack([_padded(_instant(run), len(time), np.nan) for run in recordings]),
+        np.stack([_held(run.accumulated_reward, len(time)) for run in recordings]),
+        accidents,
+    )
+
+
+def _instant(recording: Recording) -> Floats:
+    """Rewards of driving: neither the start, where there was none, nor an accident's penalty."""
+    reward = recording.reward.copy()
+    reward[0] = np.nan
+    if recording.accident:
+        reward[-1] = np.nan
+    return reward
+
+
+def _padded(values: Floats, length: int, rest: float) -> Floats:
+    missing = np.full(max(length - len(values), 0), rest)
+    return np.concatenate([values[:length], missing])
+
+
+def _held(values: Floats, length: int) -> Floats:
+    return _padded(values, length, float(values[-1]))
+
+
+def _arm(axes: Axes, one: Profile, name: str, own: Style) -> None:
+    table: Floats = getattr(one, name)
+    known = ~np.isnan(table).all(axis=0)  # not at the start, nor where nobody drives any more
+    time, table = one.time[known], table[:, known]
+    # One reward a second: between two of them the sum stands still.
+    steps = "steps-post" if name == "accumulated_reward" else "default"
+    if len(table) > 1:
+        low, high = np.nanquantile(table, QUANTILES, axis=0)
+        style.band(axes, time, low, high, own, stepped=steps == "steps-post")
+    style.curve(axes, time, np.nanmean(table, axis=0), own, drawstyle=steps)
+    for when, speed, accumulated in one.accidents:
+        height = {"speed": speed, "accumulated_reward": accumulated}.get(name)
+        if height is not None:
+            axes.plot(when, height, **_cross(own.colour))
+
+
+def _cross(colour: str) -> Look:
+    return {
+        "marker": "x",
+        "markersize": 7.0,
+        "markeredgewidth": 1.8,
+        "color": colour,
+        "linestyle": "",
+        "zorder": 5,
+    }
+
+
+def _key(arms: Arms, profiles: Mapping[str, Profile], looks: Mapping[str, Style]) -> list[Artist]:
+    handles: list[Artist] = []
+    for title, runs in arms.items():
+        own = looks[title]
+        name = f"{style.plain(title)} ({len(runs)} episode{'s' if len(runs) > 1 else ''})"
+        handles.append(Line2D([], [], color=own.colour, ls=own.dashes, lw=style.DRAWN, label=name))
+    if any(len(runs) > 1 for runs in arms.values()):
+        handles.append(style.band_key(f"band: {BAND}"))
+    if any(one.accidents for one in profiles.values()):
+        handles.append(Line2D([], [], label="accident ends an episode", **_cross("0.2")))
+    return handles

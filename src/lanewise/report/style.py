@@ -1,0 +1,186 @@
+"""How every figure looks, and how it is written: one place for fonts, lines, bands and files."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lanewise.errors import LanewiseError
+from lanewise.report.extras import needed_for
+from lanewise.report.files import check_suffix, replacing
+
+with needed_for("a figure"):
+    import matplotlib.style
+    import matplotlib.ticker
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+Floats = NDArray[np.float64]
+Look = dict[str, Any]
+"""Keywords of a matplotlib artist."""
+
+FORMATS = (".png", ".svg")
+"""What every figure can be written as."""
+WIDTH = 7.2
+"""Width of a figure, inches: both columns of a journal page."""
+DPI = 200
+"""Resolution of a PNG."""
+DRAWN, THIN = 1.6, 0.5
+"""Widths of a curve and of a band's edge, points."""
+GRID = "0.9"
+MUTED = "0.35"
+"""Greys of the grid and of what is less important."""
+MINUS, TIMES = "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}"
+
+
+class Style(NamedTuple):
+    """A curve's colour, its dashes and its marker."""
+
+    colour: str
+    dashes: tuple[int, tuple[float, ...]]
+    marker: str
+
+
+# Okabe and Ito's colours differ for every kind of colour vision; dashes and markers in grey print.
+STYLES = (
+    Style("#000000", (0, ()), "o"),
+    Style("#0072B2", (0, (5, 1.5)), "s"),
+    Style("#D55E00", (0, (1, 1)), "^"),
+    Style("#009E73", (0, (6, 1.5, 1, 1.5)), "D"),
+    Style("#CC79A7", (0, (3, 1, 1, 1, 1, 1)), "v"),
+    Style("#E69F00", (0, (9, 2)), "P"),
+    Style("#56B4E9", (0, (2, 2)), "X"),
+)
+OWN = {"single-level": 0, "hierarchical": 1, "planned": 2, "h-dqn": 3}
+"""Controllers that look the same in every figure, by their place in `STYLES`."""
+
+_RC: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": False,
+    "mathtext.fontset": "dejavusans",
+    "svg.fonttype": "none",
+    "svg.hashsalt": "lanewise",
+}
+
+
+@contextmanager
+def look() -> Iterator[None]:
+    """The settings every figure is drawn and written under, whatever the user's own are.
+
+    Also a decorator: `@look()` above a `draw`.
+    """
+    with matplotlib.style.context(["default", _RC]):
+        yield
+
+
+def write(path: Path | str, draw: Callable[[], Figure]) -> None:
+    """Draw a figure into a PNG or SVG file; the same figure gives the same bytes.
+
+    Args:
+        path: ending in .png or .svg; it appears only when complete.
+        draw: makes the figure; called once the path has been found good.
+
+    Raises:
+        LanewiseError: for any other suffix, if `draw` refuses its data, or if the file cannot be
+            written.
+    """
+    suffix = check_suffix(path, FORMATS)
+    # Without the date in it, the same data give the same file.
+    metadata = {"Date": None} if suffix == ".svg" else {"Software": "lanewise"}
+    figure = draw()
+    with look(), replacing(path) as beside:
+        figure.savefig(beside, format=suffix[1:], dpi=DPI, metadata=metadata)
+
+
+def styles(titles: Iterable[str]) -> dict[str, Style]:
+    """A style for each title: controllers keep their own, others take what is left, in order.
+
+    Raises:
+        LanewiseError: if there are more titles than styles that can be told apart.
+    """
+    titles = list(dict.fromkeys(titles))
+    if len(titles) > len(STYLES):
+        raise LanewiseError(f"a figure can tell {len(STYLES)} curves apart, not {len(titles)}")
+    own = {title: OWN[title.lower()] for title in titles if title.lower() in OWN}
+    left = iter(number for number in range(len(STYLES)) if number not in own.values())
+    return {title: STYLES[own[title] if title in own else next(left)] for title in titles}
+
+
+def curve(axes: Axes, x: Floats, y: Floats, style: Style, **more: Any) -> None:
+    """One curve."""
+    axes.plot(x, y, color=style.colour, linestyle=style.dashes, linewidth=DRAWN, **more)
+
+
+def band(
+    axes: Axes, x: Floats, low: Floats, high: Floats, style: Style, *, stepped: bool = False
+) -> None:
+    """What lies between two curves, pale, with thin edges; stepped: each value holds till the next.
+
+    The edges keep the style's dashes, so that bands differ in grey too.
+    """
+    axes.fill_between(
+        x,
+        low,
+        high,
+        color=style.colour,
+        alpha=0.13,
+        linewidth=0.0,
+        step="post" if stepped else None,
+    )
+    for edge in (low, high):
+        axes.plot(
+            x,
+            edge,
+            color=style.colour,
+            linestyle=style.dashes,
+            linewidth=THIN,
+            alpha=0.7,
+            drawstyle="steps-post" if stepped else "default",
+        )
+
+
+def band_key(label: str) -> Patch:
+    """A band's entry in a legend."""
+    return Patch(facecolor="0.87", edgecolor="0.4", linewidth=THIN, label=label)
+
+
+def legend(figure: Figure, handles: Sequence[Artist], most: int = 3) -> None:
+    """A legend above the panels, in as many columns as its labels leave room for."""
+    longest = max(len(str(handle.get_label())) for handle in handles)
+    # A letter of this size is 0.075 inches wide on average, a handle with its space 0.65.
+    columns = int(WIDTH / (0.65 + 0.075 * longest))
+    figure.legend(
+        handles=handles,
+        loc="outside upper center",
+        ncols=max(1, min(most, columns, len(handles))),
+        frameon=False,
+    )
+
+
+def plain(title: str) -> str:
+    """A title as it stands, on one line: nothing in it is read as mathematics."""
+    return " ".join(title.split()).replace("$", r"\$")
+
+
+def panels(figure: Figure, count: int) -> list[Axes]:
+    """Panels one below the other over one horizontal axis, with a grid and a letter each."""
+    stacked = list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
+    for letter, axes in zip("abcdefgh", stacked, strict=False):
+        axes.grid(color=GRID, linewidth=0.6)
+        axes.set_axisbelow(True)
+        axes.margins(x=0.01)
+        axes.set_title(f"({letter})", loc="left", fontsize="medium", pad=3.0)
+    return stacked
+
+
+def thousands(axes: Axes) -> None:
+    """Separate thousands along the horizontal axis."""
+    axes.xaxis.set_major_formatter(matplotlib.ticker.StrMethodFormatter("{x:,.0f}"))

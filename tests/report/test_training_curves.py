@@ -1,0 +1,106 @@
+"""The training figure: what is drawn is what the rows say."""
+
+import numpy as np
+import pytest
+from fabricate import make_training
+
+from lanewise.errors import LanewiseError
+from lanewise.report import style, training_curves
+from lanewise.report.training_curves import draw
+
+
+def means(rows, column, window, factor=1.0):
+    """Running means by their definition, one at a time."""
+    values = [factor * float(row[column]) for row in rows]
+    return [np.mean(values[max(0, n - window) : n]) for n in range(1, len(values) + 1)]
+
+
+def lines(axes, own):
+    """Lines drawn in a style, curves first, then the edges of the band."""
+    found = [line for line in axes.lines if line.get_color() == own.colour]
+    return sorted(found, key=lambda line: -line.get_linewidth())
+
+
+@pytest.mark.parametrize("reward", ["reward", "timestep_reward"])
+def test_curves_and_bands_are_mean_lowest_and_highest_of_the_running_means(reward):
+    seeds = make_training((70, 60, 90))
+    figure = draw({"hierarchical": seeds}, window=7, reward=reward)
+    columns = (("success", 100.0), (reward, 1.0), ("speed", 1.0))
+    for axes, (column, factor) in zip(figure.axes, columns, strict=True):
+        table = [means(rows, column, 7, factor)[:60] for rows in seeds]
+        curve, low, high = lines(axes, style.STYLES[1])
+        for line in (curve, low, high):
+            np.testing.assert_array_equal(line.get_xdata(), np.arange(1, 61))
+        np.testing.assert_allclose(curve.get_ydata(), np.mean(table, axis=0))
+        np.testing.assert_allclose(low.get_ydata(), np.min(table, axis=0))
+        np.testing.assert_allclose(high.get_ydata(), np.max(table, axis=0))
+        (band,) = axes.collections
+        np.testing.assert_allclose(band.get_paths()[0].get_extents().y1, np.max(table))
+
+
+def test_each_arm_ends_with_its_shortest_seed():
+    axes = draw({"a": make_training((30, 40)), "b": make_training((50,))}).axes[0]
+    assert lines(axes, style.STYLES[0])[0].get_xdata()[-1] == 30
+    assert lines(axes, style.STYLES[1])[0].get_xdata()[-1] == 50
+
+
+def test_one_seed_has_no_band():
+    figure = draw({"a": make_training((30,))})
+    assert not any(axes.collections for axes in figure.axes)
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["a (1 seed)"]
+
+
+def test_long_trainings_are_thinned_evenly_and_keep_their_end():
+    places = training_curves.drawn_places(4273)
+    assert len(places) <= training_curves.POINTS
+    assert places[-1] == 4272
+    assert len(set(np.diff(places))) == 1
+    np.testing.assert_array_equal(training_curves.drawn_places(1000), np.arange(1000))
+
+
+def test_the_mark_stands_on_the_curve_where_epsilon_settled():
+    arms = {"a": make_training((60, 60)), "b": make_training((40,))}
+    figure = draw(arms, settled={"a": 20.0, "b": 41.0})
+    for axes in figure.axes:
+        marks = [line for line in axes.lines if line.get_marker() != "None"]
+        curve = lines(axes, style.STYLES[0])[0]
+        (mark,) = marks  # b ended before its epsilon settled
+        assert list(mark.get_xdata()) == [20.0]
+        assert mark.get_ydata()[0] == pytest.approx(curve.get_ydata()[19])
+
+
+def test_the_episode_where_epsilon_settled():
+    chunks = [
+        {"epsilon": epsilon, "episodes": 10 * number}
+        for number, epsilon in enumerate((0.5, 0.3, 0.02, 0.02))
+    ]
+    assert training_curves.settled_episode(chunks) == 20.0
+    assert training_curves.settled_episode(chunks[:2]) is None
+
+
+def test_a_missing_value_is_a_gap_not_a_mean_over_fewer_seeds():
+    seeds = make_training((30, 30))
+    for row in seeds[0][:5]:
+        row["reward"] = None
+    curve = lines(draw({"a": seeds}, window=3).axes[1], style.STYLES[0])[0]
+    assert np.isnan(curve.get_ydata()[:5]).all()
+    assert np.isfinite(curve.get_ydata()[5:]).all()
+
+
+@pytest.mark.parametrize(
+    ("arms", "more", "message"),
+    [
+        ({}, {}, "no training"),
+        ({"a": []}, {}, "a: a training without a finished episode"),
+        ({"a": [*make_training((5,)), []]}, {}, "without a finished episode"),
+        ({"a": make_training((5,))}, {"settled": {"b": 3.0}}, "b: no such training"),
+        ({"a": make_training((5,))}, {"window": 0}, "at least one episode"),
+        ({"a": make_training((5,))}, {"reward": "speed"}, "reward or timestep_reward"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(tmp_path, arms, more, message):
+    with pytest.raises(LanewiseError, match=message) as error:
+        training_curves.write(arms, tmp_path / "a.png", **more)
+    assert "\n" not in str(error.value)
+    assert not list(tmp_path.iterdir())
