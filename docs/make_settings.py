@@ -1,4 +1,4 @@
-"""Writes settings.md from the settings' dataclasses, and brings quoted defaults up to date.
+"""Writes settings.md and the table of paper.md, and brings quoted defaults up to date.
 
 Run it after changing a setting: ``python docs/make_settings.py``. A test fails until that is done.
 Wherever a page quotes a setting as `` `name = value` ``, the value is the default's and is
@@ -14,10 +14,12 @@ from typing import Any, get_type_hints
 from lanewise import config
 from lanewise.commands import docstrings
 from lanewise.config import PRESETS, TRAPS, Settings
+from lanewise.experiments import readings
 from lanewise.ranges import Kind
 
 DOCS = Path(__file__).parent
 PAGES = (DOCS.parent / "README.md", *sorted(DOCS.glob("*.md")))
+BEGIN, END = "<!-- readings -->", "<!-- /readings -->"
 QUOTED = re.compile(r"`([a-z_]+(?:\.[a-z_]+)+) = [^`]*`")
 
 INTRODUCTION = """\
@@ -80,9 +82,18 @@ def with_defaults(text: str) -> str:
     return QUOTED.sub(quote, text)
 
 
+def paper_page() -> str:
+    """paper.md with its table of readings."""
+    text = (DOCS / "paper.md").read_text(encoding="utf-8")
+    head, rest = text.split(BEGIN)
+    table = readings.table(config.flatten(config.compose()))
+    return f"{head}{BEGIN}\n\n{table}\n{END}{rest.split(END)[1]}"
+
+
 def main() -> None:
     """Writes the pages."""
     (DOCS / "settings.md").write_text(page(), encoding="utf-8")
+    (DOCS / "paper.md").write_text(paper_page(), encoding="utf-8")
     for path in PAGES:
         text = path.read_text(encoding="utf-8")
         if with_defaults(text) != text:

@@ -43,6 +43,10 @@ def test_settings_page_is_up_to_date():
     assert (ROOT / "docs" / "settings.md").read_text() == make_settings().page()
 
 
+def test_the_readings_come_from_their_file():
+    assert (ROOT / "docs" / "paper.md").read_text() == make_settings().paper_page()
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_quoted_defaults_are_the_defaults(page):
     assert make_settings().with_defaults(page.read_text()) == page.read_text()

@@ -1,13 +1,26 @@
-"""From the results of an experiment to its report."""
+"""From the results of an experiment to its report: Markdown, one offline page, JSON, figures."""
 
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 
 from lanewise import config
 from lanewise.evaluation import metrics
+from lanewise.evaluation.metrics import Paired
+from lanewise.experiments import claims, figures, readings, stored
+from lanewise.experiments.claims import Claim, Evidence, Seed
+from lanewise.experiments.content import Content
 from lanewise.experiments.experiment import Experiment
-from lanewise.experiments.results import WORLDS, ArmResult
-from lanewise.report import report, table
+from lanewise.experiments.figures import COMPARED, FOLDER, SCHEDULES
+from lanewise.experiments.results import WORLDS, ArmResult, SeedResult
+from lanewise.report import arms as tables
+from lanewise.report import clip, page, report, table
+from lanewise.report.curves import write_curves
+from lanewise.report.escape import cell, code
+from lanewise.report.files import write_text
+
+REFERENCE = "single-level"
+"""Arm that the others are held against."""
 
 
 def write(
@@ -27,33 +40,197 @@ def write(
         times: seconds by part of the work.
 
     Returns:
-        (path of the report, its table as text).
+        (path of `report.md`, written last; its tables as text).
     """
-    firsts = [result.seeds[0] for result in results]
-    summaries = [
-        seed.tests[world].summary for seed in firsts for world in WORLDS if world in seed.tests
-    ]
-    pairs = {
-        seed.job.arm: metrics.paired(*(seed.tests[world].episodes for world in WORLDS))
-        for seed in firsts
-        if len(seed.tests) == len(WORLDS)
+    made = {
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "versions": report.versions(),
+        "machine": report.machine(),
     }
-    shown = firsts[0]
-    path = report.write_report(
-        out,
-        report.Report(
-            title=experiment.title,
-            command=command,
-            summaries=summaries,
-            settings=config.flatten(shown.job.settings) | {"seed": shown.job.seed},
-            curves=[line for seed in firsts for line in seed.lines if line["kind"] == "chunk"],
-            recording=shown.record(),
-            paired=pairs,
-            times=times,
-        ),
+    drawn = figures.write(out, results)
+    shown = results[0].seeds[0]
+    clip.render(shown.record(), out / "clip.gif")
+    lines = [line for result in results for line in result.seeds[0].lines]
+    if chunks := [line for line in lines if line["kind"] == "chunk"]:
+        for suffix in figures.SUFFIXES:
+            write_curves(chunks, out / f"curves{suffix}")
+    content = Content(experiment, command, results, _ledger(results), drawn, made, times)
+    text = _markdown(content)
+    write_text(out / "report.json", stored.text(content))
+    write_text(out / "report.html", page.render(text, experiment.title, out))
+    write_text(out / "report.md", text)
+    return out / "report.md", _text(content)
+
+
+def _ledger(results: Sequence[ArmResult]) -> list[Claim]:
+    """The claims over the seeds that both controllers have."""
+    by_arm = {result.arm.name: {seed.job.seed: seed for seed in result.seeds} for result in results}
+    if not all(name in by_arm for name in COMPARED):
+        return []
+    flat, ours = (by_arm[name] for name in COMPARED)
+    explorers = [by_arm[name] for name in SCHEDULES if name != REFERENCE and name in by_arm]
+    return claims.ledger(
+        [
+            Seed(
+                seed,
+                _evidence(ours[seed]),
+                _evidence(flat[seed]),
+                [_evidence(more[seed]) for more in explorers if seed in more],
+            )
+            for seed in ours
+            if seed in flat
+        ]
     )
-    lines = [
-        f"{name}: {pair.share:.1%} of {pair.episodes} starts end alike in both worlds\n"
-        for name, pair in pairs.items()
+
+
+def _evidence(seed: SeedResult) -> Evidence:
+    return Evidence(
+        training=seed.episodes,
+        settled=claims.settled_after(seed.chunks),
+        test=seed.tests["lanewise"].episodes,
+        recording=seed.record(),
+    )
+
+
+def _markdown(content: Content) -> str:
+    parts = [
+        f"# {cell(content.experiment.title)}",
+        f"{code(content.command)}, {content.made['date']}",
+        *_test_part(content),
+        *_training_part(content),
+        *_ledger_part(content),
+        *_figure_part(content),
+        *_reading_part(content),
+        "## What the figures mean",
+        report.meanings(),
+        *_origin_part(content),
     ]
-    return path, table.text(summaries) + "".join(lines)
+    return "\n\n".join(part.rstrip() for part in parts if part) + "\n"
+
+
+def _test_part(content: Content) -> list[str]:
+    """The paper's test table, and everything known about the seeds."""
+    rows = content.figures
+    if not content.several_seeds:
+        summaries = [s for arm in rows for world in WORLDS for s in arm.tests.get(world, ())]
+        return ["## Test episodes", table.markdown(summaries), _pairs(content.paired)]
+    parts = ["## Test phase", "Means over seeds, the lowest and the highest seed in parentheses."]
+    for world in WORLDS:
+        if any(arm.tests.get(world) for arm in rows):
+            parts += [f"### In {cell(world)}", tables.tests(rows, world)]
+    parts += [_pairs(content.paired)]
+    held = next((r.arm.title for r in content.results if r.arm.name == REFERENCE), "")
+    parts += [
+        "### Over seeds",
+        "Interquartile means with 95 % stratified bootstrap intervals, and how likely a seed of an "
+        "arm beats one of the reference, ties counting half (Agarwal et al. 2021). With five seeds "
+        "such intervals hold in about 91 of 100 cases.",
+        tables.over_seeds(rows, "lanewise", held),
+        "### Every seed",
+        "Rates with exact 95 % intervals, means with Student's.",
+        tables.every_seed(rows, WORLDS),
+    ]
+    return parts
+
+
+def _training_part(content: Content) -> list[str]:
+    trained = [arm for arm in content.figures if arm.training]
+    if not trained:
+        return []
+    return [
+        "## Training phase",
+        f"Means of the last {metrics.TRAINING_WINDOW} training episodes of the last stage, which "
+        "still explore. The paper does not say whether its reward is one a decision or one a "
+        "second; episodes of step 2 may be shorter than those of the other stages (row 4 below).",
+        tables.training(trained),
+    ]
+
+
+def _ledger_part(content: Content) -> list[str]:
+    if not content.ledger:
+        return []
+    seeds = len(content.ledger[0].seeds)
+    lines = ["| the paper says | verdict | seeds | measured |", "|---|---|---:|---|"]
+    lines += [
+        f"| {cell(c.text)} | **{c.verdict}** | {sum(c.seeds)} of {seeds} | {cell(c.figures)} |"
+        for c in content.ledger
+    ]
+    return [
+        "## What reproduces, what does not, and why",
+        "Each claim is computed seed by seed: it holds if every seed says so, fails if none does, "
+        "otherwise it depends.",
+        "\n".join(lines),
+    ]
+
+
+def _figure_part(content: Content) -> list[str]:
+    parts = ["## Figures"]
+    for figure in content.drawn:
+        parts.append(f"![{cell(figure.caption)}]({FOLDER}/{figure.name}.png)")
+        parts.append(f"*{cell(figure.caption)}*")
+    first = content.results[0]
+    if any(seed.chunks for result in content.results for seed in result.seeds[:1]):
+        parts += [
+            "![Success, reward and speed while training](curves.png)",
+            "*Every stage of the first seeds over its decisions*",
+        ]
+    name = cell(first.arm.title)
+    return [*parts, f"![The road from above: {name}](clip.gif)", f"*One test episode: {name}*"]
+
+
+def _reading_part(content: Content) -> list[str]:
+    """The rows of the reading, with the settings of the hierarchical arm or the first."""
+    arms = {result.arm.name: result for result in content.results}
+    shown = arms.get("hierarchical", content.results[0]).seeds[0].job.settings
+    return ["## What the paper leaves open, row by row", readings.table(config.flatten(shown))]
+
+
+def _origin_part(content: Content) -> list[str]:
+    made = content.made
+    parts = ["## How it was made", report.listing({**made["versions"], **made["machine"]})]
+    parts += [
+        report.listing({part: f"{took:.1f} s" for part, took in content.times.items()})
+        if content.times
+        else ""
+    ]
+    lines = ["| arm | seeds | settings that differ from preset " + content.experiment.preset + " |"]
+    lines.append("|---|---|---|")
+    for result in content.results:
+        seeds = ", ".join(str(seed.job.seed) for seed in result.seeds)
+        changes = ", ".join(code(f"{k} = {v}") for k, v in result.arm.changes.items())
+        lines.append(f"| {cell(result.arm.title)} | {seeds} | {changes} |")
+    settings = config.flatten(content.results[0].seeds[0].job.settings)
+    title = cell(content.results[0].arm.title)
+    return [*parts, "\n".join(lines), f"## Settings: {title}", report.listing(settings)]
+
+
+def _pairs(paired: Mapping[str, Sequence[Paired]]) -> str:
+    """One line an arm: how many starts end alike in both worlds."""
+    lines = []
+    for name, pairs in paired.items():
+        total = sum(pair.episodes for pair in pairs)
+        same = total - sum(len(pair.differing) for pair in pairs)
+        line = f"- {cell(name)}: {same} of {total} starts end alike in both worlds"
+        differing = [(i, start) for i, pair in enumerate(pairs) for start in pair.differing]
+        if differing:
+            listed = ", ".join(f"{start} of seed number {i}" for i, start in differing[:20])
+            line += f"; not {listed}"
+        lines.append(line)
+    return "\n".join(lines)
+
+
+def _text(content: Content) -> str:
+    """The tables for a terminal."""
+    rows = content.figures
+    if content.several_seeds:
+        found = "\n".join(
+            f"in {world}, means over seeds (their number in parentheses)\n"
+            + tables.text([arm for arm in rows if arm.tests.get(world)], world)
+            for world in WORLDS
+            if any(arm.tests.get(world) for arm in rows)
+        )
+    else:
+        found = table.text([s for arm in rows for w in WORLDS for s in arm.tests.get(w, ())])
+    lines = [line.removeprefix("- ") for line in _pairs(content.paired).splitlines()]
+    lines += [f"{claim.verdict}: {claim.text}" for claim in content.ledger]
+    return found + "\n" + "".join(f"{line}\n" for line in lines)

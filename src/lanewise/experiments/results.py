@@ -30,6 +30,20 @@ class SeedResult:
         return metrics.read(self.job.path / "metrics.jsonl") if self.job.trains else []
 
     @property
+    def episodes(self) -> list[dict[str, Any]]:
+        """The training episodes of its last stage."""
+        return self._of_last_stage("episode")
+
+    @property
+    def chunks(self) -> list[dict[str, Any]]:
+        """The chunks of its last stage."""
+        return self._of_last_stage("chunk")
+
+    def _of_last_stage(self, kind: str) -> list[dict[str, Any]]:
+        stage = self.lines[-1]["stage"] if self.lines else ""
+        return [line for line in self.lines if line["kind"] == kind and line["stage"] == stage]
+
+    @property
     def controller(self) -> Trained:
         """The controller that was tested."""
         if self.job.trains:

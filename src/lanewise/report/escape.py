@@ -1,6 +1,7 @@
-"""Making any string safe inside Markdown and JSON."""
+"""Making any string safe inside Markdown, HTML and JSON."""
 
 import re
+from html import escape
 from math import isfinite
 from typing import Any
 
@@ -19,6 +20,11 @@ def code(value: object) -> str:
     # In a table a bar would split the cell even inside code.
     padded = f" {line} " if line.startswith("`") or line.endswith("`") or not line else line
     return f"{fence}{padded}{fence}".replace("|", r"\|")
+
+
+def html(value: object) -> str:
+    """A string as plain HTML text."""
+    return escape(str(value))
 
 
 def finite(value: Any) -> Any:

@@ -130,12 +130,12 @@ def _markdown(report: Report, made: Mapping[str, Any]) -> str:
     if report.recording is not None:
         name = cell(report.recording.controller)
         parts += ["## One test episode", f"![The road from above: {name}](clip.gif)"]
-    parts += ["## What the figures mean", _meanings()]
-    parts += ["## How it was made", _listing({**made["versions"], **made["machine"]})]
+    parts += ["## What the figures mean", meanings()]
+    parts += ["## How it was made", listing({**made["versions"], **made["machine"]})]
     if report.times:
-        parts.append(_listing({part: f"{took:.1f} s" for part, took in report.times.items()}))
+        parts.append(listing({part: f"{took:.1f} s" for part, took in report.times.items()}))
     if report.settings:
-        parts += ["## Settings", _listing(report.settings)]
+        parts += ["## Settings", listing(report.settings)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -150,11 +150,13 @@ def _pairs(paired: Mapping[str, Paired]) -> str:
     return "\n".join(lines)
 
 
-def _meanings() -> str:
+def meanings() -> str:
+    """What every metric means, as a Markdown list."""
     return "\n".join(f"- **{cell(metric.title)}**: {cell(metric.meaning)}." for metric in METRICS)
 
 
-def _listing(values: Mapping[str, Any]) -> str:
+def listing(values: Mapping[str, Any]) -> str:
+    """Names and values as a Markdown table."""
     lines = ["| | |", "|---|---|"]
     return "\n".join(
         lines + [f"| {cell(name)} | {code(value)} |" for name, value in values.items()]

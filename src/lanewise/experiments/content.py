@@ -1,0 +1,65 @@
+"""What the report of an experiment has to say, before it is written down."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from lanewise.evaluation import metrics
+from lanewise.evaluation.metrics import Paired
+from lanewise.experiments.claims import Claim
+from lanewise.experiments.experiment import Experiment
+from lanewise.experiments.figures import Drawn
+from lanewise.experiments.results import WORLDS, ArmResult, SeedResult
+from lanewise.report.arms import ArmFigures
+
+
+@dataclass(frozen=True)
+class Content:
+    """Everything the report says."""
+
+    experiment: Experiment
+    command: str
+    results: Sequence[ArmResult]
+    ledger: Sequence[Claim]
+    drawn: Sequence[Drawn]
+    made: Mapping[str, Any]
+    """Date, versions, machine."""
+    times: Mapping[str, float]
+    """Seconds by part of the work done now."""
+
+    @property
+    def figures(self) -> list[ArmFigures]:
+        """What the tables need."""
+        return [_figures_of(result) for result in self.results]
+
+    @property
+    def several_seeds(self) -> bool:
+        """Whether there is anything to say about seeds."""
+        return any(len(result.seeds) > 1 for result in self.results)
+
+    @property
+    def paired(self) -> dict[str, list[Paired]]:
+        """By arm, for each seed: the same starts in both worlds."""
+        found = {}
+        for result in self.results:
+            pairs = [pair for seed in result.seeds if (pair := paired(seed)) is not None]
+            if pairs:
+                found[result.arm.name] = pairs
+        return found
+
+
+def paired(seed: SeedResult) -> Paired | None:
+    """The same starts in both worlds; None where a seed was tested in one alone."""
+    if len(seed.tests) < len(WORLDS):
+        return None
+    return metrics.paired(*(seed.tests[world].episodes for world in WORLDS))
+
+
+def _figures_of(result: ArmResult) -> ArmFigures:
+    return ArmFigures(
+        title=result.arm.title,
+        controller=result.arm.controller,
+        seeds=[seed.job.seed for seed in result.seeds],
+        tests={world: [test.summary for test in result.tests(world)] for world in WORLDS},
+        training=[seed.episodes for seed in result.seeds if seed.job.trains],
+    )

@@ -1,0 +1,56 @@
+"""The report of an experiment as JSON: every seed of every arm, with all its settings."""
+
+import json
+from typing import Any
+
+from lanewise import config
+from lanewise.evaluation import metrics
+from lanewise.experiments.content import Content, paired
+from lanewise.experiments.results import ArmResult, SeedResult
+from lanewise.report import arms as tables
+from lanewise.report.escape import finite
+
+
+def text(content: Content) -> str:
+    """The whole of `report.json`."""
+    stored = {
+        "title": content.experiment.title,
+        "command": content.command,
+        **content.made,
+        "preset": content.experiment.preset,
+        "published": {"test": metrics.PUBLISHED, "training": metrics.PUBLISHED_TRAINING},
+        "arms": [_arm_json(result) for result in content.results],
+        "claims": [
+            {"claim": c.text, "verdict": c.verdict, "seeds": list(c.seeds), "measured": c.figures}
+            for c in content.ledger
+        ],
+        "times": dict(content.times),
+    }
+    return json.dumps(finite(stored), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _arm_json(result: ArmResult) -> dict[str, Any]:
+    return {
+        "name": result.arm.name,
+        "title": result.arm.title,
+        "controller": result.arm.controller,
+        "changes": dict(result.arm.changes),
+        "settings": config.flatten(result.seeds[0].job.settings),
+        "seeds": [_seed_json(seed) for seed in result.seeds],
+    }
+
+
+def _seed_json(seed: SeedResult) -> dict[str, Any]:
+    tests = {world: test.summary.to_json() for world, test in seed.tests.items()}
+    last = {
+        name: tables.last_mean(seed.episodes, name)
+        for name, *_ in tables.TRAINING
+        if seed.job.trains
+    }
+    pair = paired(seed)
+    return {
+        "seed": seed.job.seed,
+        "tests": tests,
+        "paired": None if pair is None else pair.to_json(),
+        "training": last,
+    }
