@@ -1,0 +1,104 @@
+"""Tables of an experiment, read back cell by cell."""
+
+import numpy as np
+import pytest
+
+from lanewise.evaluation.episodes import Episodes
+from lanewise.evaluation.metrics import summarise
+from lanewise.report import arms
+from lanewise.report.arms import ArmFigures
+
+
+def summary(controller, success, accidents=0, count=100, reward=1.0):
+    zero = np.zeros(count)
+    episodes = Episodes(
+        success=np.arange(count) < success,
+        accident=(np.arange(count) >= count - accidents).astype(np.int8),
+        accumulated_reward=zero + reward,
+        average_speed=zero + 13.0,
+        travel_distance=zero + 325.0,
+        duration=zero + 25.0,
+        escape_time=zero + 9.0,
+        goals=zero.astype(int),
+        goals_timed_out=zero.astype(int),
+    )
+    return summarise(episodes, controller=controller, world="lanewise")
+
+
+def arm(title, controller, successes, **more):
+    tests = {"lanewise": [summary(controller, s, reward=s / 10) for s in successes]}
+    return ArmFigures(title, controller, range(len(successes)), tests, **more)
+
+
+OURS = arm("two levels", "hierarchical", [98, 99, 100, 100, 90])
+FLAT = arm("flat | one", "single-level", [0, 0, 1, 0, 0])
+
+
+def cells(markdown):
+    """Rows of a Markdown table as lists of cells."""
+    lines = markdown.replace(r"\|", "¦").strip().splitlines()
+    return [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in lines if "---" not in line
+    ]
+
+
+def test_the_test_table_has_means_extremes_and_the_published_row_once():
+    again = arm("more", "hierarchical", [50])
+    rows = cells(arms.tests([OURS, FLAT, again], "lanewise"))
+    assert [row[0] for row in rows] == [
+        *("arm", "*hierarchical, published*", "two levels"),
+        *("*single-level, published*", "flat ¦ one", "more"),
+    ]
+    column = rows[0].index("success, %")
+    assert rows[1][column] == "97.67"
+    assert rows[2][column] == "97.40 (90.00 to 100.00)"
+    assert rows[5][column] == "50.00"
+    assert [row[1] for row in rows[1:]] == ["-", "5", "-", "5", "1"]
+    assert len({len(row) for row in rows}) == 1
+
+
+def test_every_seed_has_its_exact_interval():
+    rows = cells(arms.every_seed([OURS], ["lanewise", "highway-env"]))
+    assert [row[1] for row in rows[1:]] == ["0", "1", "2", "3", "4"]
+    # Clopper and Pearson for 98 of 100, by scipy's binomtest.
+    assert rows[1][rows[0].index("success, %")] == "98.00 (93.0, 99.8)"
+
+
+def test_over_seeds_by_hand():
+    """Of 90, 98, 99, 100, 100 the middle three have the mean 99; every one beats every flat one."""
+    rows = cells(arms.over_seeds([OURS, FLAT], "lanewise", "flat | one"))
+    assert rows[1][1].startswith("99.00 (")
+    assert rows[1][2] == "1.00"
+    assert rows[2][2] == "-"
+    assert cells(arms.over_seeds([OURS], "lanewise", "nobody"))[1][2] == "-"
+
+
+def test_the_training_table_takes_the_last_fifty_episodes():
+    def lines(late):
+        return [
+            {"reward": r, "timestep_reward": r / 2, "speed": 10.0, "success": r > 3}
+            for r in [100.0] * 30 + [late] * 50
+        ]
+
+    trained = arm("two levels", "hierarchical", [1, 2], training=[lines(2.0), lines(4.0)])
+    rows = cells(arms.training([trained, FLAT]))
+    assert rows[1] == ["*hierarchical, published*", "5", "47.94", "", "13.09", "60.0"]
+    assert rows[2][2:] == [
+        *("3.00 (2.00 to 4.00)", "1.50 (1.00 to 2.00)", "10.00 (10.00 to 10.00)"),
+        "50.0 (0.0 to 100.0)",
+    ]
+    # A reference driver was never trained.
+    assert len(rows) == 3
+
+
+def test_the_terminal_table_is_aligned():
+    lines = arms.text([OURS, FLAT], "lanewise").splitlines()
+    assert {len(line) for line in lines} == {len(lines[0])}
+    assert max(map(len, lines)) <= 100
+    assert lines[3].startswith("two levels (5)")
+    assert "97.40" in lines[3]
+
+
+@pytest.mark.parametrize("make", [arms.tests, arms.text])
+def test_arms_without_a_test_in_that_world_are_left_out(make):
+    assert "two levels" not in make([OURS], "highway-env")
