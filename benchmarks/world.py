@@ -185,16 +185,9 @@ def prepared(seed, first, count):
 
 def live(world):
     """A live highway-env environment in the state of a start."""
-    from lanewise.interop import highway_env
+    from lanewise.interop import drive
 
-    driving = settings().driving
-    return highway_env.build_env(
-        world,
-        simulation_frequency=driving.simulation_frequency,
-        decision_frequency=driving.decision_frequency,
-        acceleration=driving.actions.acceleration,
-        steering=driving.actions.steering,
-    )
+    return drive.live(settings().driving, world, DURATION)
 
 
 def their_step(env, action):

@@ -25,9 +25,7 @@ from lanewise.training.settings import (
     SingleLevelSettings,
     StageSettings,
 )
-
-CAR_LENGTH = 5.0
-"""Length of every car, m; nobody may start closer than this, centre to centre."""
+from lanewise.world.settings import CAR_LENGTH
 
 _LARGEST_FILE = 1_000_000
 
@@ -233,6 +231,7 @@ def _check_scenario(settings: Settings) -> None:
 
 
 def _apart(name: str, distance: float) -> None:
+    # Distances are centre to centre.
     if distance <= CAR_LENGTH:
         raise SettingsError(
             f"{name} must be more than a car length ({show(CAR_LENGTH)} m), got {show(distance)}"

@@ -18,8 +18,9 @@ from lanewise.controllers.settings import PlannerSettings
 from lanewise.driving import actions
 from lanewise.driving.percept import Percept
 from lanewise.driving.settings import DrivingSettings
+from lanewise.world.settings import CAR_LENGTH
 
-HALF_LENGTH = 2.5
+HALF_LENGTH = CAR_LENGTH / 2
 """Half the ego's length, the lever arm of the bicycle model, m."""
 STRAIGHT = 0.004
 """Headings below this count as driving straight, rad: less than any turn's quantum above 1 m/s."""

@@ -18,6 +18,7 @@ from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Parameters
 from lanewise.driving import episode, observation, percept
 from lanewise.driving.episode import Episode
+from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import drive
 from lanewise.evaluation.drive import Sums, TestCourse
@@ -66,7 +67,7 @@ def record(course: TestCourse, parameters: Parameters, seed: int, index: int) ->
 def _drive(course: TestCourse, parameters: Parameters, seed: int, index: int) -> list[Any]:
     """One episode: (vehicles, memory, sums, reward) after each decision."""
     world = jax.device_get(drive.start(course, seed, index))
-    env = _live(course, world)
+    env = live(course.driving, world, course.duration)
     state = episode.begin(_single(highway_env.read_world(env)))
     memory = _start(course, state.world)
     sums = drive.nothing_yet()
@@ -83,16 +84,15 @@ def _drive(course: TestCourse, parameters: Parameters, seed: int, index: int) ->
     return frames
 
 
-def _live(course: TestCourse, world: World) -> Any:
-    """highway-env at the start of an episode."""
-    driving = course.driving
+def live(driving: DrivingSettings, world: World, duration: int) -> Any:
+    """highway-env at the start of an episode of so many decisions."""
     return highway_env.build_env(
         world,
         simulation_frequency=driving.simulation_frequency,
         decision_frequency=driving.decision_frequency,
         acceleration=driving.actions.acceleration,
         steering=driving.actions.steering,
-        duration=course.duration / driving.decision_frequency,
+        duration=duration / driving.decision_frequency,
     )
 
 

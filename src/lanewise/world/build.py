@@ -7,13 +7,8 @@ from jax import Array
 from jax.typing import ArrayLike, DTypeLike
 
 from lanewise.errors import SettingsError
-from lanewise.world.settings import DriverSettings
+from lanewise.world.settings import CAR_LENGTH, CAR_WIDTH, DriverSettings
 from lanewise.world.state import RULE_BASED, Drivers, Vehicles
-
-VEHICLE_LENGTH = 5.0
-"""m."""
-VEHICLE_WIDTH = 2.0
-"""m."""
 
 
 def padded(values: ArrayLike, maximum: int, fill: float = 0) -> Array:
@@ -90,8 +85,8 @@ def make_drivers(
         steering_limit=of("steering_limit"),
         changes_lanes=jnp.asarray([s.changes_lanes for s in everyone]),
         checks_collisions=jnp.full(size, checks_collisions),
-        length=jnp.full(size, VEHICLE_LENGTH, dtype),
-        width=jnp.full(size, VEHICLE_WIDTH, dtype),
+        length=jnp.full(size, CAR_LENGTH, dtype),
+        width=jnp.full(size, CAR_WIDTH, dtype),
     )
 
 

@@ -6,6 +6,9 @@ from typing import Annotated
 
 from lanewise.ranges import Between
 
+CAR_LENGTH, CAR_WIDTH = 5.0, 2.0
+"""Size of every car, m; highway-env's and the paper's."""
+
 
 @dataclass(frozen=True)
 class DriverSettings:
