@@ -86,7 +86,8 @@ def _readings(study: Any) -> str:
     ]
     for arm in dict.fromkeys(row["arm"] for row in study["rows"]):
         rows = [row for row in study["rows"] if row["arm"] == arm]
-        changes = ", ".join(f"`{name} = {value}`" for name, value in rows[0]["changes"].items())
+        flags = ((name.replace("_", "-"), value) for name, value in rows[0]["changes"].items())
+        changes = ", ".join(f"`--{name} {value}`" for name, value in flags)
         seeds = ", ".join(f"{100 * row['lanewise']['success_rate']:.1f}" for row in rows)
         figures = _line("", [row["lanewise"] for row in rows]).removeprefix("|  |")
         lines.append(f"| {arm} | {changes} | {seeds} |{figures}")
