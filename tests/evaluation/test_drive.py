@@ -34,6 +34,14 @@ class Constant(SingleLevel):
         return jnp.int32(self.action), memory
 
 
+@dataclass(frozen=True)
+class Rightwards(Planned):
+    """Always asks for the next lane to the right, and for more speed."""
+
+    def decide(self, memory, percept, choice):
+        return super().decide(memory, percept, jnp.int32(8))
+
+
 def course_of(scenario, controller, duration=50):
     return Course(scenario, DrivingSettings(), controller, duration)
 
@@ -108,7 +116,7 @@ def test_a_recording_counts_the_goals_as_the_goal_critic_does(monkeypatch):
     """Recounted from the frames alone: reached by the paper's thresholds, or given up in time."""
     monkeypatch.setattr(drive, "BLOCK", 1)
     goals = GoalSettings(time_limit=1.5)
-    controller = Planned(DrivingSettings(), goals, PlannerSettings(preview=1), "critic")
+    controller = Rightwards(DrivingSettings(), goals, PlannerSettings(), "critic")
     course = course_of(EMPTY, controller, 24)
     weights = {"high_level": network.init(jax.random.key(1), 26, (8,), 9)}
     recording = drive.record(course, weights, 0, 0)
@@ -125,5 +133,3 @@ def test_a_recording_counts_the_goals_as_the_goal_critic_does(monkeypatch):
     assert recording.goals_ended.tolist() == ended
     assert recording.goals_timed_out.tolist() == timed_out
     assert 0 < timed_out[-1] < ended[-1]
-    found = drive.test(course, weights, 0, 1)
-    assert (found.goals[0], found.goals_timed_out[0]) == (ended[-1], timed_out[-1])

@@ -62,6 +62,9 @@ OWN = {"single-level": 0, "hierarchical": 1, "planned": 2, "h-dqn": 3}
 _RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
+    # Words are measured at the resolution they are drawn at, and their widths follow their sizes.
+    "figure.dpi": DPI,
+    "text.hinting": "none",
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": False,
