@@ -25,6 +25,15 @@ CAR_LENGTH = 5.0
 
 _LARGEST_FILE = 1_000_000
 
+_CAME_LATER: dict[str, object] = {
+    "scenario.training_ego_speed": [],
+    "scenario.training_trap_speed": [],
+    "scenario.training_lanes": [],
+}
+"""Settings that the first run folders do not know, and the value under which nothing changes.
+
+With that value they are left out of the digest, so that older runs are still read."""
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -190,12 +199,23 @@ def validate(settings: Settings) -> None:
         _check_stage(stage, getattr(settings, stage))
 
 
+_TRAINING_RANGES = (
+    "training_ego_speed",
+    "training_trap_speed",
+    "training_lanes",
+    "training_front_distance",
+    "training_side_distance",
+)
+
+
 def _check_scenario(settings: Settings) -> None:
     trap, traffic = settings.scenario, settings.scenario.traffic
-    for name in ("training_front_distance", "training_side_distance"):
-        low, high = getattr(trap, name)
-        if low > high:
-            raise SettingsError(f"scenario.{name}: {show(low)} must not exceed {show(high)}")
+    for name in _TRAINING_RANGES:
+        between = getattr(trap, name)
+        if between and between[0] > between[1]:
+            raise SettingsError(
+                f"scenario.{name}: {show(between[0])} must not exceed {show(between[1])}"
+            )
     _apart("scenario.training_front_distance", trap.training_front_distance[0])
     _apart("scenario.test_front_distance", trap.test_front_distance)
     nearest_gap = traffic.spacing - traffic.spacing_jitter
@@ -223,11 +243,15 @@ def _check_driving(settings: Settings) -> None:
     _at_most(
         ("goals.lowest_speed", goals.lowest_speed), ("goals.highest_speed", goals.highest_speed)
     )
-    if settings.scenario.ego_speed <= driving.stopped_speed:
-        raise SettingsError(
-            "scenario.ego_speed must be more than driving.stopped_speed "
-            f"({show(driving.stopped_speed)}), got {show(settings.scenario.ego_speed)}"
-        )
+    slowest = {"ego_speed": settings.scenario.ego_speed}
+    if settings.scenario.training_ego_speed:
+        slowest["training_ego_speed"] = settings.scenario.training_ego_speed[0]
+    for name, speed in slowest.items():
+        if speed <= driving.stopped_speed:
+            raise SettingsError(
+                f"scenario.{name} must be more than driving.stopped_speed "
+                f"({show(driving.stopped_speed)}), got {show(speed)}"
+            )
 
 
 def _check_stage(stage: str, settings: StageSettings) -> None:
@@ -353,8 +377,19 @@ def from_dict(table: Mapping[str, Any]) -> Settings:
 
 
 def digest(settings: Settings) -> str:
-    """SHA-256 over all settings, the name under which stored files belong to them."""
-    canonical = json.dumps(to_dict(settings), sort_keys=True, separators=(",", ":"))
+    """SHA-256 over the settings, the name under which stored files belong to them.
+
+    A setting that came later is left out while it changes nothing.
+    """
+    table = to_dict(settings)
+    for name, unchanged in _CAME_LATER.items():
+        *sections, leaf = name.split(".")
+        section = table
+        for below in sections:
+            section = section[below]
+        if section[leaf] == unchanged:
+            del section[leaf]
+    canonical = json.dumps(table, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(canonical.encode()).hexdigest()
 
 
