@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from lanewise import __version__
-from lanewise.commands import evaluate, reproduce, train, watch
+from lanewise.commands import evaluate, reproduce, sweep, train, watch
 from lanewise.commands.arguments import Parsed, parse
 from lanewise.errors import LanewiseError, SettingsError
 from lanewise.names import look_up
@@ -19,6 +19,7 @@ COMMANDS: dict[str, type] = {
     "train": train.Train,
     "evaluate": evaluate.Evaluate,
     "watch": watch.Watch,
+    "sweep": sweep.Sweep,
     "reproduce": reproduce.Reproduce,
 }
 
@@ -26,6 +27,7 @@ RUNNERS: dict[str, Callable[[Parsed[Any]], int]] = {
     "train": train.run,
     "evaluate": evaluate.run,
     "watch": watch.run,
+    "sweep": sweep.run,
     "reproduce": reproduce.run,
 }
 
@@ -97,7 +99,7 @@ def _abandon_output() -> None:
 
 def _how_to_resume(words: list[str]) -> str:
     """The command that continues an interrupted training."""
-    if words[:1] == ["reproduce"]:
+    if words[:1] in (["reproduce"], ["sweep"]):
         return "; the same command continues it"
     if words[:1] != ["train"]:
         return ""

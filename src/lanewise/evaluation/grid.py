@@ -3,35 +3,36 @@
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from lanewise.errors import SettingsError
 from lanewise.evaluation.episodes import ACCIDENTS
 from lanewise.evaluation.statistics import Interval, clopper_pearson
-from lanewise.ranges import Between, show
-from lanewise.scenario.settings import EgoSpeed, FrontDistance, Lanes, SideDistance, TrapSpeed
+from lanewise.ranges import show
 
 CAUSES = ACCIDENTS[1:]
 """What ends an episode badly."""
+DISTANCES = ((14.3, 14.8, 16.44, 16.9), (3.5, 4.06, 7.43, 8.0))
+"""D1 and D2, m: the ends of their training ranges and half a metre beyond."""
 
 
 @dataclass(frozen=True)
 class Grid:
     """The axes; every combination of one value each is a start."""
 
-    ego_speed: Annotated[tuple[float, ...], EgoSpeed] = (8.0, 9.0, 10.0, 11.0, 12.0, 13.0)
-    """The ego's speeds at the start."""
-    trap_speed: Annotated[tuple[float, ...], TrapSpeed] = (8.0, 9.0, 10.0, 11.0)
-    """Speeds of the trap cars."""
-    lanes: Annotated[tuple[int, ...], Lanes] = (3, 4, 5)
+    ego_speed: tuple[float, ...] = (8.0, 9.0, 10.0, 11.0, 12.0, 13.0)
+    """The ego's speeds at the start, m/s."""
+    trap_speed: tuple[float, ...] = (8.0, 9.0, 10.0, 11.0)
+    """Speeds of the trap cars, m/s."""
+    lanes: tuple[int, ...] = (3, 4, 5)
     """Numbers of lanes."""
-    front_distance: Annotated[tuple[float, ...], FrontDistance] = (14.3, 14.8, 16.44, 16.9)
-    """Values of D1: the ends of the training range and half a metre beyond."""
-    side_distance: Annotated[tuple[float, ...], SideDistance] = (3.5, 4.06, 7.43, 8.0)
-    """Values of D2: the ends of the training range and half a metre beyond."""
-    spacing: Annotated[tuple[float, ...], Between(0.0, 1000.0, "m")] = (25.0,)
-    """Mean distances from one traffic vehicle to the next."""
-    vehicles_behind: Annotated[tuple[int, ...], Between(0, 100)] = (0,)
+    front_distance: tuple[float, ...] = DISTANCES[0]
+    """Values of D1, m."""
+    side_distance: tuple[float, ...] = DISTANCES[1]
+    """Values of D2, m."""
+    spacing: tuple[float, ...] = (25.0,)
+    """Mean distances from one traffic vehicle to the next, m."""
+    vehicles_behind: tuple[int, ...] = (0,)
     """Numbers of traffic vehicles behind the ego."""
 
     def points(self) -> list["Point"]:
