@@ -16,6 +16,7 @@ from lanewise.evaluation import grid as grids
 from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
 from lanewise.progress import Progress
 from lanewise.ranges import Between
+from lanewise.runs.files import write_atomically
 from lanewise.runs.folder import RunFolder
 from lanewise.scenario.settings import EgoSpeed, FrontDistance, Lanes, SideDistance, TrapSpeed
 
@@ -155,38 +156,39 @@ def _open(path: Path, identity: dict[str, Any]) -> Journal:
         RunError: the folder holds something else, or a sweep of something else.
     """
     out = path.parent
+    head = json.dumps(identity) + "\n"
     if not path.exists():
         if out.exists() and (not out.is_dir() or any(out.iterdir())):
             raise RunError(f"{out} is not an empty folder and holds no sweep; choose another")
         out.mkdir(parents=True, exist_ok=True)
-        file = path.open("w", encoding="utf-8")
-        file.write(json.dumps(identity) + "\n")
-        return Journal([], [], file)
+        path.write_text(head, encoding="utf-8")
     lines = list(_lines(path))
-    if not lines or lines[0] != identity:
+    if not lines or json.loads(lines[0]) != identity:
         raise RunError(f"{out} holds another sweep: continue with its options, or choose another")
-    results: dict[str, list[Any]] = {"Reach": [], "Outcome": []}
-    kinds = {"Reach": Reach, "Outcome": Outcome}
-    for line in lines[1:]:
-        name = line.pop("kind")
-        results[name].append(kinds[name](**line))
-    # Written anew, so that a last line cut short by a kill is gone.
-    journal = Journal([], [], path.open("w", encoding="utf-8"))
-    journal.file.write(json.dumps(identity) + "\n")
-    journal.add(results["Reach"])
-    journal.add(results["Outcome"])
-    return journal
+    # What a kill has cut short is left out, here and on disk.
+    write_atomically(out, {JOURNAL: "".join(lines).encode()})
+    results = [json.loads(line) for line in lines[1:]]
+    return Journal(
+        reached=[Reach(**_fields(line)) for line in results if line["kind"] == "Reach"],
+        outcomes=[Outcome(**_fields(line)) for line in results if line["kind"] == "Outcome"],
+        file=path.open("a", encoding="utf-8"),
+    )
 
 
-def _lines(path: Path) -> Iterator[dict[str, Any]]:
-    """The whole lines of a journal."""
+def _fields(line: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in line.items() if name != "kind"}
+
+
+def _lines(path: Path) -> Iterator[str]:
+    """The whole lines of a journal, each known to be JSON."""
     for line in path.read_text(encoding="utf-8").splitlines(keepends=True):
         if not line.endswith("\n"):
             return
         try:
-            yield json.loads(line)
+            json.loads(line)
         except ValueError as error:
             raise RunError(f"{path} is damaged: remove it to begin anew") from error
+        yield line
 
 
 def _report(command: Sweep, grid: Grid, folder: RunFolder, journal: Journal) -> None:

@@ -70,7 +70,7 @@ class Reached(NamedTuple):
 
     layers: list[Layer]
     whole: bool
-    """Whether nothing was left out."""
+    """Whether nothing was left out; a whole set holds no escape, or it would have been narrowed."""
 
 
 def search(course: Course, world: World, width: int | None) -> Reached:

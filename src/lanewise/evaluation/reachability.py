@@ -1,7 +1,7 @@
 """Can a start of the trap be won at all? A search over the nine actions, without other traffic.
 
 Narrow searches find an escape where one is easy to find; where they fail, every sequence of actions
-is followed. A start is unwinnable only where all of them end in an accident.
+is followed. A start is unwinnable only where none of them is an escape.
 """
 
 from collections.abc import Sequence
@@ -28,13 +28,13 @@ class Verdict:
     """Whether a start can be won, and how that is known."""
 
     winnable: bool
-    """False only where the whole reachable set died out."""
+    """False only where the whole reachable set holds no escape."""
     actions: tuple[int, ...]
     """An escape, one action a decision, confirmed in the world; empty if none was found."""
     states: int
     """States visited by the exhaustive search; 0 where none was needed."""
     decisions: int
-    """Decisions after which nothing was left of an unwinnable start; 0 for others."""
+    """Decisions after which nothing was left of an unwinnable start, or time was up; else 0."""
 
     @property
     def decided(self) -> bool:
@@ -63,7 +63,7 @@ def judge(course: Course, start: Start, known: Sequence[tuple[int, ...]] = ()) -
             return Verdict(True, escape, 0, 0)
     reached = escapes.search(course, world, None)
     states = sum(len(layer.egos) for layer in reached.layers[1:])
-    if reached.whole and not len(reached.layers[-1].egos):
+    if reached.whole:
         return Verdict(False, (), states, len(reached.layers) - 1)
     return Verdict(True, _confirmed(course, start, reached), states, 0)
 

@@ -147,11 +147,11 @@ def _page(sweep: Sweep, document: Mapping[str, Any], captions: Mapping[str, str]
         f"# {plain(sweep.controller)} over a grid of starts",
         f"{code(sweep.command)}, {document['date']}",
         table(sweep.cells),
-        "In parentheses exact 95 % intervals of the pooled episodes. A start is winnable unless "
-        "every sequence of the nine actions, without other traffic, ends in an accident within "
-        f"the test; with clearance, unless every one comes nearer than {sweep.clearance:g} m to "
-        f"a trap car. Starts for which that is undecided: {document['undecided_starts']}; they "
-        "count as winnable.",
+        "In parentheses exact 95 % intervals of the pooled episodes. A start is winnable unless no "
+        "sequence of the nine actions, without other traffic, is an escape without an accident "
+        "within the test; with clearance, unless none of them stays "
+        f"{sweep.clearance:g} m away from the trap cars. Starts for which that is undecided: "
+        f"{document['undecided_starts']}; they count as winnable.",
         *(f"![Success and accidents, {caption}]({name}.png)" for name, caption in captions.items()),
         "## Where it does worst",
         _worst(sweep.cells),
