@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from lanewise import __version__
-from lanewise.commands import compare, evaluate, reproduce, train, watch
+from lanewise.commands import compare, evaluate, reproduce, sweep, train, watch
 from lanewise.commands.arguments import Parsed, parse
 from lanewise.errors import LanewiseError, SettingsError
 from lanewise.names import look_up
@@ -20,6 +20,7 @@ COMMANDS: dict[str, type] = {
     "evaluate": evaluate.Evaluate,
     "compare": compare.Compare,
     "watch": watch.Watch,
+    "sweep": sweep.Sweep,
     "reproduce": reproduce.Reproduce,
 }
 
@@ -28,6 +29,7 @@ RUNNERS: dict[str, Callable[[Parsed[Any]], int]] = {
     "evaluate": evaluate.run,
     "compare": compare.run,
     "watch": watch.run,
+    "sweep": sweep.run,
     "reproduce": reproduce.run,
 }
 
@@ -99,7 +101,7 @@ def _abandon_output() -> None:
 
 def _how_to_resume(words: list[str]) -> str:
     """The command that continues an interrupted training."""
-    if words[:1] == ["reproduce"]:
+    if words[:1] in (["reproduce"], ["sweep"]):
         return "; the same command continues it"
     if words[:1] != ["train"]:
         return ""

@@ -213,12 +213,23 @@ def validate(settings: Settings) -> None:
         _check_level(f"h_dqn.{level}", settings.h_dqn, getattr(settings.h_dqn, level))
 
 
+_TRAINING_RANGES = (
+    "training_ego_speed",
+    "training_trap_speed",
+    "training_lanes",
+    "training_front_distance",
+    "training_side_distance",
+)
+
+
 def _check_scenario(settings: Settings) -> None:
     trap, traffic = settings.scenario, settings.scenario.traffic
-    for name in ("training_front_distance", "training_side_distance"):
-        low, high = getattr(trap, name)
-        if low > high:
-            raise SettingsError(f"scenario.{name}: {show(low)} must not exceed {show(high)}")
+    for name in _TRAINING_RANGES:
+        between = getattr(trap, name)
+        if between and between[0] > between[1]:
+            raise SettingsError(
+                f"scenario.{name}: {show(between[0])} must not exceed {show(between[1])}"
+            )
     _apart("scenario.training_front_distance", trap.training_front_distance[0])
     _apart("scenario.test_front_distance", trap.test_front_distance)
     nearest_gap = traffic.spacing - traffic.spacing_jitter
@@ -247,11 +258,15 @@ def _check_driving(settings: Settings) -> None:
     _at_most(
         ("goals.lowest_speed", goals.lowest_speed), ("goals.highest_speed", goals.highest_speed)
     )
-    if settings.scenario.ego_speed <= driving.stopped_speed:
-        raise SettingsError(
-            "scenario.ego_speed must be more than driving.stopped_speed "
-            f"({show(driving.stopped_speed)}), got {show(settings.scenario.ego_speed)}"
-        )
+    slowest = {"ego_speed": settings.scenario.ego_speed}
+    if settings.scenario.training_ego_speed:
+        slowest["training_ego_speed"] = settings.scenario.training_ego_speed[0]
+    for name, speed in slowest.items():
+        if speed <= driving.stopped_speed:
+            raise SettingsError(
+                f"scenario.{name} must be more than driving.stopped_speed "
+                f"({show(driving.stopped_speed)}), got {show(speed)}"
+            )
 
 
 def _check_budget(stage: str, budget: BudgetSettings) -> None:

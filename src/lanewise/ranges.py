@@ -53,26 +53,42 @@ class OneOf:
 
 
 @dataclass(frozen=True)
+class OrNone:
+    """Marks a list that holds ``length`` values or none at all.
+
+    Used as ``Annotated[tuple[float, ...], Between(0.0, 60.0), OrNone(2)]``. None at all is ``[]``
+    in a file and the word ``none`` on a command line.
+    """
+
+    length: int
+
+
+@dataclass(frozen=True)
 class Kind:
     """What a setting may hold: its type, how many values, and the range of each.
 
-    ``length`` is None for a single value, 0 for a list of any length, otherwise the exact length.
+    ``length`` is None for a single value, 0 for a list of any length, otherwise the exact length;
+    ``optional`` allows an empty list besides.
     """
 
     type: type
     length: int | None = None
     bound: Between | OneOf | None = None
+    optional: bool = False
 
     @classmethod
     def of(cls, annotation: Any) -> "Kind":
         """Reads the kind off a field's annotation."""
-        bound = None
+        metadata: list[Any] = []
         if get_origin(annotation) is Annotated:
             annotation, *metadata = get_args(annotation)
-            bound = next((item for item in metadata if isinstance(item, Between | OneOf)), None)
+        bound = next((item for item in metadata if isinstance(item, Between | OneOf)), None)
         if get_origin(annotation) is not tuple:
             return cls(annotation, None, bound)
         members = get_args(annotation)
+        for item in metadata:
+            if isinstance(item, OrNone):
+                return cls(members[0], item.length, bound, optional=True)
         return cls(members[0], 0 if members[-1] is Ellipsis else len(members), bound)
 
     def check(self, name: str, value: object) -> Any:
@@ -87,6 +103,8 @@ class Kind:
             return self._check_one(name, value)
         if isinstance(value, str) or not isinstance(value, Sequence):
             raise SettingsError(f"{name}: expected {self}, got {show(value)}")
+        if not value and self.optional:
+            return ()
         if not value or self.length not in (0, len(value)):
             raise SettingsError(f"{name}: expected {self}, got {show(value)}")
         return tuple(self._check_one(name, member) for member in value)
@@ -97,6 +115,8 @@ class Kind:
         Raises:
             SettingsError: The words do not spell a value, or it lies outside the range.
         """
+        if self.optional and [word.lower() for word in words] == ["none"]:
+            return ()
         values = [self._parse_one(name, word) for word in words]
         return self.check(name, values if self.length is not None else values[0])
 
@@ -137,7 +157,8 @@ class Kind:
         if self.length is None:
             return self._noun
         plural = {int: "whole numbers", float: "numbers", Path: "paths"}.get(self.type, "values")
-        return f"{self.length} {plural}" if self.length else f"one or more {plural}"
+        several = f"{self.length} {plural}" if self.length else f"one or more {plural}"
+        return f"{several} or none" if self.optional else several
 
 
 def show(value: object) -> str:

@@ -90,6 +90,10 @@ REFUSALS = [
     (["watch", "absent"], "missing --out"),
     (["watch", "absent", "-o", "clip.gif"], "no run in absent"),
     (["watch", "absent", "-o", "clip.avi"], "--out must end in .gif or .mp4, got clip.avi"),
+    (["sweep", "absent"], "missing --out"),
+    (["sweep", "absent", "--out", "maps"], "no run in absent"),
+    (["sweep", "absent", "--out", "maps", "--lanes", "1"], "--lanes must be between 2 and 8"),
+    (["sweep", "absent", "--out", "maps", "--ego-speed", "nan"], "between 1 and 40 m/s, got nan"),
     (["reproduce"], "missing --out"),
     (["reproduce", "--out", "report", "--scenario.lanes", "0"], "must be between 2 and 8, got 0"),
 ]
@@ -127,6 +131,7 @@ def test_bad_settings_file(capsys, inside):
         ["evaluate", "-h"],
         ["compare", "--help"],
         ["watch", "--help"],
+        ["sweep", "--help"],
         ["reproduce", "--help"],
     ],
 )

@@ -109,3 +109,63 @@ def test_an_unfinished_run_is_no_controller(run, tmp_path, capsys):
         (tmp_path / "run" / name).write_bytes((run / name).read_bytes())
     assert main(["evaluate", str(tmp_path / "run")]) == 2
     assert "is not finished" in capsys.readouterr().err
+
+
+AXES = {"ego-speed": "9 10", "trap-speed": "10", "lanes": "3 4", "front-distance": "15",
+        "side-distance": "5", "spacing": "17 25", "episodes": "2"}  # fmt: skip
+
+
+def sweep_words(run, out, **changes):
+    axes = AXES | {name.replace("_", "-"): value for name, value in changes.items()}
+    words = [word for name, value in axes.items() for word in (f"--{name}", *value.split())]
+    return ["sweep", str(run), "--out", str(out), *words]
+
+
+def test_sweep_writes_a_map_and_continues_an_interrupted_one(run, tmp_path, capsys, monkeypatch):
+    out = tmp_path / "map"
+    assert main(sweep_words(run, out)) == 0
+    printed = capsys.readouterr()
+    assert "| all starts | 8 | 16 |" in printed.out
+    assert "what can be won: starting" in printed.err
+    whole = json.loads((out / "map.json").read_text())
+    assert len(whole["starts"]) == 8
+    assert not (out / "progress.jsonl").exists()
+    assert main(sweep_words(run, out)) == 2
+    assert "is complete: see" in capsys.readouterr().err
+
+    cut = tmp_path / "cut"
+    real, calls = drive.drive_block, []
+
+    def interrupted(*arguments):
+        calls.append(1)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return real(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(drive, "drive_block", interrupted)
+        assert main(sweep_words(run, cut)) == 130
+    assert "the same command continues it" in capsys.readouterr().err
+    journal = cut / "progress.jsonl"
+    assert len(journal.read_text().splitlines()) == 1 + 4 + 4
+    journal.write_text(journal.read_text() + '{"kind": "Outc')  # as a kill would leave it
+    assert main(sweep_words(run, cut, episodes="3")) == 2
+    assert "holds another sweep" in capsys.readouterr().err
+    assert main(sweep_words(run, cut)) == 0
+    assert "episodes: continuing" in capsys.readouterr().err
+    again = json.loads((cut / "map.json").read_text())
+    assert again["starts"] == whole["starts"]
+
+
+def test_sweep_refuses_before_it_works(run, tmp_path, capsys):
+    for changes, hint in (
+        ({"front_distance": "15 5"}, "more than a car length (5.0 m), got 5.0"),
+        ({"spacing": "8"}, "more than a car length"),
+        ({"lanes": "3 3"}, "--lanes: 3 is given twice"),
+    ):
+        assert main(sweep_words(run, tmp_path / "map", **changes)) == 2
+        assert hint in capsys.readouterr().err
+    assert not (tmp_path / "map").exists()
+    (tmp_path / "note").write_text("mine")
+    assert main(sweep_words(run, tmp_path)) == 2
+    assert "holds no sweep" in capsys.readouterr().err

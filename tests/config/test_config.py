@@ -1,6 +1,7 @@
 import dataclasses
 import math
 import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -121,6 +122,15 @@ def test_names_are_told():
     [
         ({"driving.decision_frequency": 11}, "at most driving.simulation_frequency (10), got 11"),
         ({"goals.lowest_speed": 17.0}, "at most goals.highest_speed (16.0), got 17.0"),
+        ({"scenario.training_ego_speed": [9.0, 8.0]}, "9.0 must not exceed 8.0"),
+        ({"scenario.training_lanes": [4, 3]}, "scenario.training_lanes: 4 must not exceed 3"),
+        ({"scenario.training_lanes": [3, 9]}, "training_lanes must be between 2 and 8, got 9"),
+        ({"scenario.training_lanes": [3]}, "expected 2 whole numbers or none, got [3]"),
+        ({"scenario.training_trap_speed": 9.0}, "expected 2 numbers or none, got 9.0"),
+        (
+            {"scenario.training_ego_speed": [2.0, 9.0], "driving.stopped_speed": 2.5},
+            "scenario.training_ego_speed must be more than driving.stopped_speed (2.5), got 2.0",
+        ),
         ({"scenario.test_front_distance": 5.0}, "more than a car length"),
         ({"scenario.traffic.spacing": 8.0}, "more than a car length"),
         ({"scenario.traffic.first_gap": 3.0}, "more than a car length"),
@@ -214,6 +224,30 @@ def test_unreadable_toml_files(tmp_path):
     file.write_bytes(b"#" * 1_000_001)
     with pytest.raises(SettingsError, match="larger than"):
         config.load_toml(file)
+
+
+def test_a_range_is_given_taken_back_and_written():
+    name = "scenario.training_ego_speed"
+    kind = config.kinds()[name]
+    assert kind.parse(name, ["8", "13"]) == (8.0, 13.0)
+    assert kind.parse(name, ["none"]) == ()
+    with pytest.raises(SettingsError, match="expected 2 numbers or none"):
+        kind.parse(name, ["8"])
+    wide = config.compose(flags={name: [8, 13], "scenario.training_lanes": [3, 5]})
+    assert wide.scenario.training_lanes == (3, 5)
+    for settings in (wide, Settings()):
+        assert config.from_dict(tomllib.loads(config.dump_toml(settings))) == settings
+    assert "training_trap_speed = []" in config.dump_toml(wide)
+
+
+def test_runs_from_before_a_setting_keep_their_digest():
+    """The first run folder's settings file and the digest its manifest has; both as they were."""
+    settings = config.compose(file=Path(__file__).parent / "first-settings.toml")
+    digest = "5885043004c2b56b70285022370345da2522e92e691bc626c4305b82b967397b"
+    assert config.digest(settings) == digest
+    wide = config.replace(settings, {"scenario.training_lanes": [3, 5]})
+    narrow = config.replace(settings, {"scenario.training_lanes": [3, 3]})
+    assert len({digest, config.digest(wide), config.digest(narrow)}) == 3
 
 
 def test_first_difference_names_setting_and_both_values():

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from lanewise.controllers.levels import HighLevel
 from lanewise.controllers.planned import Planned
 from lanewise.controllers.settings import GoalSettings, PlannerSettings
 from lanewise.controllers.single_level import SingleLevel
@@ -35,11 +36,20 @@ class Constant(SingleLevel):
 
 
 @dataclass(frozen=True)
-class Rightwards(Planned):
+class RightwardsLevel(HighLevel):
     """Always asks for the next lane to the right, and for more speed."""
 
-    def decide(self, memory, percept, choice):
-        return super().decide(memory, percept, jnp.int32(8))
+    def choose(self, memory, percept, choice):
+        return super().choose(memory, percept, jnp.int32(8))
+
+
+@dataclass(frozen=True)
+class Rightwards(Planned):
+    """Step 1 with a high level that always wants the same."""
+
+    @property
+    def levels(self):
+        return (RightwardsLevel(self.goals),)
 
 
 def course_of(scenario, controller, duration=50):

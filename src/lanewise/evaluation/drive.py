@@ -91,7 +91,7 @@ def test(course: TestCourse, parameters: Parameters, seed: int, count: int) -> E
         Their outcomes, in order.
     """
     blocks = [
-        jax.device_get(_drive_block(course, parameters, _start_block(course, seed, first)))
+        jax.device_get(drive_block(course, parameters, _start_block(course, seed, first)))
         for first in range(0, count, BLOCK)
     ]
     sums = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *blocks)
@@ -158,8 +158,8 @@ def _start_block(course: TestCourse, seed: int, first: int) -> World:
 
 
 @partial(jax.jit, static_argnums=0)
-def _drive_block(course: TestCourse, parameters: Parameters, worlds: World) -> Sums:
-    """The episodes that begin in a block of starts."""
+def drive_block(course: TestCourse, parameters: Parameters, worlds: World) -> Sums:
+    """The episodes that begin in a block of `BLOCK` starts, wherever those come from."""
     drive_one = partial(_drive_one, course, parameters)
     if course.at_once < BLOCK:
         sums: Sums = jax.lax.map(drive_one, worlds, batch_size=course.at_once)
@@ -256,8 +256,8 @@ def recording(
         role=np.asarray(trap.roles(course.scenario), np.int8),
         length=np.asarray(world.drivers.length, np.float64),
         width=np.asarray(world.drivers.width, np.float64),
-        lane_centre=np.asarray(world.road.centre, np.float64),
-        lane_width=np.asarray(world.road.width, np.float64),
+        lane_centre=np.asarray(world.road.centre, np.float64)[world.road.present],
+        lane_width=np.asarray(world.road.width, np.float64)[world.road.present],
         goal_lane=padded(lane, lane[0], np.int64),
         goal_speed=padded(speed, speed[0]),
         goals_ended=padded(ended, 0, np.int64),

@@ -3,11 +3,16 @@
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from lanewise.ranges import Between, OneOf
+from lanewise.ranges import Between, OneOf, OrNone
 from lanewise.world.settings import PAPER_DRIVER, DriverSettings
 
 Metres = Between(0.0, 1000.0, "m")
 MetresPerSecond = Between(0.0, 60.0, "m/s")
+Lanes = Between(2, 8)
+EgoSpeed = Between(1.0, 40.0, "m/s")
+TrapSpeed = Between(0.5, 40.0, "m/s")
+FrontDistance = Between(5.0, 200.0, "m")
+SideDistance = Between(-200.0, 200.0, "m")
 
 
 @dataclass(frozen=True)
@@ -40,7 +45,7 @@ class TrapSettings:
     reading). The defaults are preset ``trap-10``; ``trap-10.9`` differs in ``trap_speed``.
     """
 
-    lanes: Annotated[int, Between(2, 8)] = 3
+    lanes: Annotated[int, Lanes] = 3
     """Number of lanes; the trap takes two."""
     lane_width: Annotated[float, Between(2.5, 10.0, "m")] = 4.0
     """Width of every lane."""
@@ -49,23 +54,30 @@ class TrapSettings:
     ego_driver: Annotated[str, OneOf(("controller", "rule-based"))] = "controller"
     """Who drives the ego: a controller, or the rules of the traffic (IDM and MOBIL), which is the
     reference driver `rule-based`."""
-    ego_speed: Annotated[float, Between(1.0, 40.0, "m/s")] = 10.0
+    ego_speed: Annotated[float, EgoSpeed] = 10.0
     """The ego's speed at the start."""
-    trap_speed: Annotated[float, Between(0.5, 40.0, "m/s")] = 10.0
+    trap_speed: Annotated[float, TrapSpeed] = 10.0
     """Speed of both trap cars, all episode long."""
-    training_front_distance: Annotated[tuple[float, float], Between(5.0, 200.0, "m")] = (
+    training_ego_speed: Annotated[tuple[float, ...], EgoSpeed, OrNone(2)] = ()
+    """The ego's speed in training and validation: uniform between the two; none: as in tests."""
+    training_trap_speed: Annotated[tuple[float, ...], TrapSpeed, OrNone(2)] = ()
+    """Speed of the trap in training and validation: uniform between the two; none: as in tests."""
+    training_lanes: Annotated[tuple[int, ...], Lanes, OrNone(2)] = ()
+    """Number of lanes in training and validation: uniform from the first to the second; none: as
+    in tests."""
+    training_front_distance: Annotated[tuple[float, float], FrontDistance] = (
         14.80,
         16.44,
     )
     """D1 in training and validation: uniform between the two."""
-    training_side_distance: Annotated[tuple[float, float], Between(-200.0, 200.0, "m")] = (
+    training_side_distance: Annotated[tuple[float, float], SideDistance] = (
         4.06,
         7.43,
     )
     """D2 in training and validation: uniform between the two."""
-    test_front_distance: Annotated[float, Between(5.0, 200.0, "m")] = 15.62
+    test_front_distance: Annotated[float, FrontDistance] = 15.62
     """D1 in tests."""
-    test_side_distance: Annotated[float, Between(-200.0, 200.0, "m")] = 6.61
+    test_side_distance: Annotated[float, SideDistance] = 6.61
     """D2 in tests."""
     missing_target_speed: bool = True
     """Keep highway-env's quirk: traffic believes that the ego and the trap cars want to stop."""

@@ -5,11 +5,12 @@ traffic ahead, traffic behind. A start is a function of (settings, seed, split, 
 it is the same start in every world, batch and process.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.typing import ArrayLike
 
 from lanewise.scenario.settings import TrapSettings
 from lanewise.world import build, road
@@ -20,6 +21,10 @@ SPLITS = ("training", "validation", "test")
 """Where a start comes from; each split draws from its own key stream."""
 TRAP_CARS = (1, 2)
 """Indices of the trap cars."""
+
+# A start's key is split in three, for D1 and D2, the traffic's lanes and its gaps. Splitting counts
+# from 0, and so does folding in, so that numbers drawn since then fold in what comes after.
+_EGO_STREAM, _TRAP_STREAM, _LANES_STREAM = 3, 4, 5
 
 
 def vehicle_count(settings: TrapSettings) -> int:
@@ -39,33 +44,112 @@ def start_key(seed: int | Array, split: str, index: int | Array) -> Array:
     return jax.random.fold_in(stream, index)
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Start:
+    """The numbers that make a start; each a plain number or a traced scalar.
+
+    Only maxima are static, so that one compilation places, and drives, any of them.
+    """
+
+    lanes: int | Array
+    """Number of lanes."""
+    ego_speed: ArrayLike
+    """m/s."""
+    trap_speed: ArrayLike
+    """m/s, of both trap cars."""
+    front_distance: ArrayLike
+    """D1, from the ego to trap car 1, centre to centre, m."""
+    side_distance: ArrayLike
+    """D2, from the ego to trap car 2 along the road, m."""
+    spacing: ArrayLike
+    """Mean distance from one traffic vehicle to the next, m."""
+    vehicles_ahead: int | Array
+    """Traffic vehicles beyond the trap, at most as many as the settings have."""
+    vehicles_behind: int | Array
+    """Traffic vehicles behind the ego, at most as many as the settings have."""
+
+
 def sample(settings: TrapSettings, key: Array, split: str) -> World:
     """A start: where everyone stands, float32.
 
-    In the training and validation splits D1 and D2 are drawn from their ranges, in the test split
-    they are fixed; the traffic is drawn in all of them.
+    The traffic is drawn in all splits. In the training and validation splits D1 and D2 are drawn
+    from their ranges, and the speeds and the number of lanes where they have one; in the test split
+    all of these are fixed.
     """
-    distances_key, lanes_key, spacing_key = jax.random.split(key, 3)
-    front, side = _distances(settings, distances_key, split)
-    traffic_x = _traffic_positions(settings, spacing_key, jnp.maximum(front, side))
+    return place(settings, draw(settings, key, split), key, lanes_max(settings, split))
+
+
+def lanes_max(settings: TrapSettings, split: str) -> int:
+    """Static number of lanes of a split's worlds; the lanes a start lacks are absent ones."""
+    if split == "test" or not settings.training_lanes:
+        return settings.lanes
+    return settings.training_lanes[1]
+
+
+def draw(settings: TrapSettings, key: Array, split: str) -> Start:
+    """The numbers of a start: drawn where the split has a range for them, else as set."""
+    front, side = _distances(settings, jax.random.split(key, 3)[0], split)
+    drawn = split != "test"
+    lanes: int | Array = settings.lanes
+    if drawn and settings.training_lanes:
+        low, high = settings.training_lanes
+        lanes = jax.random.randint(
+            jax.random.fold_in(key, _LANES_STREAM), (), low, high + 1, jnp.int32
+        )
+
+    def speed(fixed: float, between: tuple[float, ...], stream: int) -> ArrayLike:
+        if not (drawn and between):
+            return fixed
+        share = jax.random.uniform(jax.random.fold_in(key, stream), (), jnp.float32)
+        return between[0] + (between[1] - between[0]) * share
+
+    return Start(
+        lanes=lanes,
+        ego_speed=speed(settings.ego_speed, settings.training_ego_speed, _EGO_STREAM),
+        trap_speed=speed(settings.trap_speed, settings.training_trap_speed, _TRAP_STREAM),
+        front_distance=front,
+        side_distance=side,
+        spacing=settings.traffic.spacing,
+        vehicles_ahead=settings.traffic.vehicles_ahead,
+        vehicles_behind=settings.traffic.vehicles_behind,
+    )
+
+
+def place(settings: TrapSettings, start: Start, key: Array, lanes: int) -> World:
+    """The world with these numbers; ``key`` draws the traffic's lanes and gaps.
+
+    Args:
+        settings: what a `Start` does not say, and the static number of vehicles.
+        start: its numbers.
+        key: of the start, as `draw` had it.
+        lanes: static number of lanes, at least ``start.lanes``.
+
+    Returns:
+        The world, float32; lanes and traffic that the start has fewer of are absent.
+    """
+    _, lanes_key, spacing_key = jax.random.split(key, 3)
+    front = jnp.asarray(start.front_distance, jnp.float32)
+    side = jnp.asarray(start.side_distance, jnp.float32)
+    traffic_x = _traffic_positions(settings, start, spacing_key, jnp.maximum(front, side))
     traffic = traffic_x.shape[0]
     lane = jnp.concatenate(
         [
             jnp.asarray([0, 0, 1], jnp.int32),
-            jax.random.randint(lanes_key, (traffic,), 0, settings.lanes, jnp.int32),
+            jax.random.randint(lanes_key, (traffic,), 0, start.lanes, jnp.int32),
         ]
     )
     x = jnp.concatenate([jnp.stack([jnp.zeros_like(front), front, side]), traffic_x])
     speed = jnp.asarray(
-        [settings.ego_speed, settings.trap_speed, settings.trap_speed]
-        + [settings.traffic.speed] * traffic,
+        [start.ego_speed, start.trap_speed, start.trap_speed] + [settings.traffic.speed] * traffic,
         jnp.float32,
     )
-    lanes = _lanes(settings)
+    where = _road(settings, start, lanes)
+    vehicles = build.make_vehicles(x, road.pick(where.centre, lane), speed, lane)
     return World(
-        road=lanes,
-        drivers=_drivers(settings, traffic),
-        vehicles=build.make_vehicles(x, road.pick(lanes.centre, lane), speed, lane),
+        road=where,
+        drivers=_drivers(settings, start),
+        vehicles=replace(vehicles, present=_present(settings, start)),
     )
 
 
@@ -76,20 +160,31 @@ def escaped(world: World) -> Array:
     return jnp.stack([rear > x[car] + half[car] for car in TRAP_CARS]).all()
 
 
-def _lanes(settings: TrapSettings) -> Road:
+def _road(settings: TrapSettings, start: Start, lanes: int) -> Road:
     """The road: from the ego's start on, or from behind the last vehicle behind it.
 
     Neighbours are looked for only on the road, so one that began at the ego would hide the
     vehicles behind from one another.
     """
-    lanes = road.straight_road(settings.lanes, settings.lane_width, settings.speed_limit)
+    straight = road.straight_road(start.lanes, settings.lane_width, settings.speed_limit, lanes)
     traffic = settings.traffic
     if not traffic.vehicles_behind:
-        return lanes
-    reach = traffic.gap_behind + traffic.vehicles_behind * (
-        traffic.spacing + traffic.spacing_jitter
+        return straight
+    reach = traffic.gap_behind + start.vehicles_behind * (start.spacing + traffic.spacing_jitter)
+    begin = jnp.where(jnp.asarray(start.vehicles_behind) > 0, -reach, 0.0)
+    return replace(straight, start=jnp.full_like(straight.start, begin))
+
+
+def _present(settings: TrapSettings, start: Start) -> Array:
+    """Which vehicles exist: the ego, the trap, and as much traffic as the start has; bool [N]."""
+    traffic = settings.traffic
+    return jnp.concatenate(
+        [
+            jnp.ones(3, bool),
+            jnp.arange(traffic.vehicles_ahead) < start.vehicles_ahead,
+            jnp.arange(traffic.vehicles_behind) < start.vehicles_behind,
+        ]
     )
-    return replace(lanes, start=jnp.full_like(lanes.start, -reach))
 
 
 def _distances(settings: TrapSettings, key: Array, split: str) -> tuple[Array, Array]:
@@ -105,29 +200,34 @@ def _distances(settings: TrapSettings, key: Array, split: str) -> tuple[Array, A
     return low1 + (high1 - low1) * draw[0], low2 + (high2 - low2) * draw[1]
 
 
-def _traffic_positions(settings: TrapSettings, key: Array, trap_x: Array) -> Array:
+def _traffic_positions(settings: TrapSettings, start: Start, key: Array, trap_x: Array) -> Array:
     """Places of the vehicles ahead, then of those behind, m: a first gap, then jittered ones."""
     traffic = settings.traffic
     jitter = jax.random.uniform(
         key, (traffic.vehicles_ahead + traffic.vehicles_behind,), jnp.float32, -1.0, 1.0
     )
-    spacing = traffic.spacing + traffic.spacing_jitter * jitter
+    spacing = start.spacing + traffic.spacing_jitter * jitter
     ahead = spacing[: traffic.vehicles_ahead]
     behind = spacing[traffic.vehicles_ahead :]
-    first_ahead = traffic.first_gap - traffic.spacing
-    first_behind = traffic.gap_behind - traffic.spacing
+    first_ahead = traffic.first_gap - start.spacing
+    first_behind = traffic.gap_behind - start.spacing
     return jnp.concatenate(
         [trap_x + first_ahead + jnp.cumsum(ahead), -(first_behind + jnp.cumsum(behind))]
     )
 
 
-def _drivers(settings: TrapSettings, traffic: int) -> Drivers:
+def _drivers(settings: TrapSettings, start: Start) -> Drivers:
     """Drivers of the ego, the trap cars and the traffic, in this order."""
+    traffic = vehicle_count(settings) - 3
     by_rules = settings.ego_driver == "rule-based"
-    ego = settings.traffic.driver if by_rules else DriverSettings(target_speed=settings.ego_speed)
-    trap_car = DriverSettings(target_speed=settings.trap_speed)
-    return build.make_drivers(
-        [ego, trap_car, trap_car] + [settings.traffic.driver] * traffic,
+    ego = settings.traffic.driver if by_rules else DriverSettings()
+    drivers = build.make_drivers(
+        [ego, DriverSettings(), DriverSettings()] + [settings.traffic.driver] * traffic,
         [RULE_BASED if by_rules else EXTERNAL, CONSTANT, CONSTANT] + [RULE_BASED] * traffic,
         missing_target_speed=settings.missing_target_speed,
     )
+    if settings.missing_target_speed:
+        return drivers
+    ego_speed = drivers.target_speed[0] if by_rules else start.ego_speed
+    own = jnp.asarray([ego_speed, start.trap_speed, start.trap_speed], jnp.float32)
+    return replace(drivers, target_speed=drivers.target_speed.at[:3].set(own))

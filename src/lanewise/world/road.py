@@ -19,7 +19,7 @@ REACHABLE_WIDTHS = 2.0
 
 
 def straight_road(
-    lanes: int,
+    lanes: int | Array,
     width: ArrayLike = 4.0,
     speed_limit: ArrayLike = 30.0,
     lanes_max: int | None = None,
@@ -29,7 +29,7 @@ def straight_road(
     """Parallel lanes that begin at x = 0, lane 0 centred on y = 0.
 
     Args:
-        lanes: how many lanes exist.
+        lanes: how many lanes exist; may be traced where `lanes_max` is given.
         width: of every lane, m; a number or an array [lanes_max] (then of the first lane's width).
         speed_limit: of every lane, m/s.
         lanes_max: static number of lanes of the arrays; absent lanes fill the rest.
@@ -39,7 +39,7 @@ def straight_road(
     Returns:
         A road with arrays [lanes_max].
     """
-    size = lanes if lanes_max is None else lanes_max
+    size = int(lanes) if lanes_max is None else lanes_max
     index = jnp.arange(size)
     present = index < lanes
 

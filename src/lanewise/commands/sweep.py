@@ -1,0 +1,216 @@
+"""``lanewise sweep``: tests a trained controller over a grid of starts and draws the map."""
+
+import json
+import shlex
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import IO, Annotated, Any
+
+from lanewise import config
+from lanewise.commands.arguments import Parsed
+from lanewise.commands.train import SEEDS
+from lanewise.errors import RunError
+from lanewise.evaluation import grid as grids
+from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
+from lanewise.progress import Progress
+from lanewise.ranges import Between
+from lanewise.runs.files import write_atomically
+from lanewise.runs.folder import RunFolder
+from lanewise.scenario.settings import EgoSpeed, FrontDistance, Lanes, SideDistance, TrapSpeed
+
+JOURNAL = "progress.jsonl"
+"""What is done so far, in the output folder until all is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sweep:
+    """Test a trained controller over a grid of starts, and draw where it gets out and where not.
+
+    Each axis takes one or more values; every combination is a start. The same command continues
+    what was interrupted.
+    """
+
+    run: Path = field(metadata={"positional": True})
+    """Run folder of a trained controller."""
+    out: Path
+    """Folder for the map: new or empty, or one this command was stopped in."""
+    episodes: Annotated[int, Between(1, 100_000)] = 20
+    """Episodes of each start."""
+    seed: Annotated[int, SEEDS] = 0
+    """Seed of the traffic."""
+    clearance: Annotated[float, Between(0.0, 1.5, "m")] = 0.1
+    """Distance from the trap cars that an escape must keep to count as one with clearance."""
+    ego_speed: Annotated[tuple[float, ...], EgoSpeed] = Grid.ego_speed
+    """The ego's speeds at the start."""
+    trap_speed: Annotated[tuple[float, ...], TrapSpeed] = Grid.trap_speed
+    """Speeds of the trap cars."""
+    lanes: Annotated[tuple[int, ...], Lanes] = Grid.lanes
+    """Numbers of lanes."""
+    front_distance: Annotated[tuple[float, ...], FrontDistance] = Grid.front_distance
+    """Values of D1."""
+    side_distance: Annotated[tuple[float, ...], SideDistance] = Grid.side_distance
+    """Values of D2."""
+    spacing: Annotated[tuple[float, ...], Between(0.0, 1000.0, "m")] = Grid.spacing
+    """Mean distances from one traffic vehicle to the next."""
+    vehicles_behind: Annotated[tuple[int, ...], Between(0, 100)] = Grid.vehicles_behind
+    """Numbers of traffic vehicles behind the ego."""
+
+
+@dataclass
+class Journal:
+    """What is done so far, in memory and on disk."""
+
+    reached: list[Reach]
+    outcomes: list[Outcome]
+    file: IO[str]
+
+    def add(self, found: list[Reach] | list[Outcome]) -> None:
+        """Keep some results; a kill loses only what came after."""
+        for result in found:
+            kept: list[Any] = self.reached if isinstance(result, Reach) else self.outcomes
+            kept.append(result)
+            name = type(result).__name__
+            self.file.write(json.dumps({"kind": name, **asdict(result)}) + "\n")
+        self.file.flush()
+
+
+def run(parsed: Parsed[Sweep]) -> int:
+    """Tests and draws; returns the exit code."""
+    command = parsed.command
+    grid = Grid(**{axis.name: getattr(command, axis.name) for axis in fields(Grid)})
+    folder = RunFolder.open(command.run)
+    grids.check(grid)
+    for axis, setting in grids.SETTINGS.items():
+        for value in getattr(grid, axis):
+            config.replace(folder.settings, {setting: value})
+    from lanewise.report import extras
+
+    extras.check()
+    if (command.out / "map.md").exists():
+        raise RunError(f"{command.out} is complete: see {command.out / 'map.md'}")
+    from lanewise.runs import trained
+
+    controller = trained.load(command.run)
+    journal = _open(command.out / JOURNAL, _identity(command, folder))
+    with journal.file, Progress() as reporter:
+        _work(command, grid, controller, journal, reporter)
+    _report(command, grid, folder, journal)
+    return 0
+
+
+def _work(
+    command: Sweep, grid: Grid, controller: Any, journal: Journal, reporter: Progress
+) -> None:
+    """Do what the journal lacks."""
+    from lanewise.evaluation import sweep
+    from lanewise.experiments import testing
+
+    points = grid.points()
+    course = sweep.course(testing.course(controller), grid)
+    # Traffic is ignored when asking what can be won, so one of each set of traffics suffices.
+    apart = points[:: grid.traffics]
+    done = len(journal.reached)
+    reporter.stage("what can be won", len(apart), done)
+    verdicts = sweep.reach(
+        course.scenario,
+        course.driving,
+        course.duration,
+        command.clearance,
+        apart[done:],
+        [reach.escape for reach in journal.reached],
+    )
+    for verdict in verdicts:
+        journal.add([verdict])
+        reporter.update(len(journal.reached), unwinnable=_lost(journal.reached))
+    reporter.stage("episodes", len(points), len(journal.outcomes))
+    for found in sweep.run(
+        course, controller.parameters, command.seed, command.episodes, points, len(journal.outcomes)
+    ):
+        journal.add(found)
+        reporter.update(len(journal.outcomes), success_rate=_successes(journal.outcomes))
+
+
+def _lost(reached: list[Reach]) -> int:
+    return sum(not reach.winnable for reach in reached)
+
+
+def _successes(outcomes: list[Outcome]) -> float:
+    return sum(o.successes for o in outcomes) / sum(o.episodes for o in outcomes)
+
+
+def _identity(command: Sweep, folder: RunFolder) -> dict[str, Any]:
+    """What must be the same for a journal to be continued."""
+    asked = {name: value for name, value in vars(command).items() if name not in ("run", "out")}
+    digest = config.digest(folder.settings)
+    plain = {"kind": "Sweep", "training_seed": folder.seed, "settings": digest, **asked}
+    same: dict[str, Any] = json.loads(json.dumps(plain))
+    return same
+
+
+def _open(path: Path, identity: dict[str, Any]) -> Journal:
+    """The journal of this sweep, continued or begun.
+
+    Raises:
+        RunError: the folder holds something else, or a sweep of something else.
+    """
+    out = path.parent
+    head = json.dumps(identity) + "\n"
+    if not path.exists():
+        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+            raise RunError(f"{out} is not an empty folder and holds no sweep; choose another")
+        out.mkdir(parents=True, exist_ok=True)
+        path.write_text(head, encoding="utf-8")
+    lines = list(_lines(path))
+    if not lines or json.loads(lines[0]) != identity:
+        raise RunError(f"{out} holds another sweep: continue with its options, or choose another")
+    # What a kill has cut short is left out, here and on disk.
+    write_atomically(out, {JOURNAL: "".join(lines).encode()})
+    results = [json.loads(line) for line in lines[1:]]
+    return Journal(
+        reached=[Reach(**_fields(line)) for line in results if line["kind"] == "Reach"],
+        outcomes=[Outcome(**_fields(line)) for line in results if line["kind"] == "Outcome"],
+        file=path.open("a", encoding="utf-8"),
+    )
+
+
+def _fields(line: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in line.items() if name != "kind"}
+
+
+def _lines(path: Path) -> Iterator[str]:
+    """The whole lines of a journal, each known to be JSON."""
+    for line in path.read_text(encoding="utf-8").splitlines(keepends=True):
+        if not line.endswith("\n"):
+            return
+        try:
+            json.loads(line)
+        except ValueError as error:
+            raise RunError(f"{path} is damaged: remove it to begin anew") from error
+        yield line
+
+
+def _report(command: Sweep, grid: Grid, folder: RunFolder, journal: Journal) -> None:
+    from lanewise.report import sweep
+
+    cells = [
+        Cell(point, journal.reached[index // grid.traffics], journal.outcomes[index])
+        for index, point in enumerate(grid.points())
+    ]
+    path = sweep.write_sweep(
+        command.out,
+        sweep.Sweep(
+            controller=folder.controller,
+            training_seed=folder.seed,
+            settings=config.flatten(folder.settings),
+            grid=grid,
+            episodes=command.episodes,
+            seed=command.seed,
+            clearance=command.clearance,
+            command=shlex.join(["lanewise", *sys.argv[1:]]),
+            cells=cells,
+        ),
+    )
+    (command.out / JOURNAL).unlink()
+    sys.stdout.write(f"{sweep.table(cells)}\n\nmap: {path}\n")

@@ -1,0 +1,232 @@
+"""The ego's reachable set among the trap cars alone, decision by decision, over the nine actions.
+
+It is spread with the world's own motion, collisions and accidents, so that every state in it lies
+at the end of a real trajectory. Kept narrow, alike states merged, it finds an escape fast where one
+is easy to find; kept whole, only states that are the same to the last bit are merged, because a
+grid, however fine, would merge away the escapes that pass the trap by centimetres.
+"""
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from lanewise.driving import accidents, actions
+from lanewise.driving.settings import DrivingSettings
+from lanewise.scenario import trap
+from lanewise.scenario.settings import TrapSettings
+from lanewise.scenario.trap import Start
+from lanewise.world import bicycle, collision
+from lanewise.world.state import World
+
+CHUNK = 512
+"""States spread at once."""
+WIDTHS = (256, 4096)
+"""States that the narrow searches keep after each decision, one search after the other."""
+MOST_STATES = 200_000
+"""A whole set larger than this is not about to die out, and is narrowed."""
+ALONG, ACROSS, TURN = 1.0, 0.25, 0.03
+"""Cells of the narrow searches: m, m and rad; speeds differ by whole actions."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """What stays the same from start to start. Static."""
+
+    scenario: TrapSettings
+    driving: DrivingSettings
+    lanes: int
+    """Static number of lanes."""
+    duration: int
+    """Decisions within which the ego must escape, and must have no accident."""
+    clearance: float = 0.0
+    """The trap cars are larger by this on every side, m: escapes keep that distance from them."""
+
+
+class Layer(NamedTuple):
+    """The states reached after so many decisions."""
+
+    egos: NDArray[np.float32]
+    """[S, 4] the ego's x in m, y in m, heading in rad, speed in m/s."""
+    escaped: NDArray[np.bool_]
+    """[S] whether it has been past the trap."""
+    parent: NDArray[np.intp]
+    """[S] the state before, in the layer before."""
+    action: NDArray[np.intp]
+    """[S] the action that led here from it."""
+
+    def at(self, states: NDArray[np.intp]) -> "Layer":
+        """Some of the states."""
+        return Layer(*(values[states] for values in self))  # type: ignore[arg-type]
+
+
+class Reached(NamedTuple):
+    """The layers of a search, from the start on."""
+
+    layers: list[Layer]
+    whole: bool
+    """Whether nothing was left out; a whole set holds no escape, or it would have been narrowed."""
+
+
+def search(course: Course, world: World, width: int | None) -> Reached:
+    """The reachable set up to the duration, or until nothing is left.
+
+    Args:
+        course: the rules.
+        world: at the start.
+        width: states kept after each decision; None keeps all, until one has escaped or they are
+            more than `MOST_STATES`: then the start is not shown to be unwinnable, and what remains
+            is to bring an escape to its end.
+    """
+    vehicles = world.vehicles
+    ego = [np.asarray(of)[:1] for of in (vehicles.x, vehicles.y, vehicles.heading, vehicles.speed)]
+    nothing = np.zeros(1, np.intp)
+    whole = width is None
+    layers = [Layer(np.stack(ego, axis=1), np.zeros(1, bool), nothing, nothing)]
+    for _ in range(course.duration):
+        spread = _spread(course, world, layers[-1])
+        world = _coast(course, world)
+        if width is None and (spread.escaped.any() or len(spread.egos) > MOST_STATES):
+            width, whole = WIDTHS[-1], False
+        layers.append(_chosen(course, world, spread, width))
+        if not len(spread.egos):
+            break
+    return Reached(layers, whole)
+
+
+def _spread(course: Course, world: World, before: Layer) -> Layer:
+    """Every action from every state; what has an accident is left out."""
+    count = len(before.egos)
+    padded = np.concatenate([before.egos, np.repeat(before.egos[-1:], -count % CHUNK, axis=0)])
+    parts = [
+        jax.device_get(_step_all(course, world, padded[first : first + CHUNK]))
+        for first in range(0, len(padded), CHUNK)
+    ]
+    egos, alive, past = (np.concatenate(part)[:count] for part in zip(*parts, strict=True))
+    parent, action = np.nonzero(alive)
+    escaped = before.escaped[parent] | past[parent, action]
+    return Layer(egos[parent, action], escaped, parent, action)
+
+
+def _chosen(course: Course, world: World, layer: Layer, width: int | None) -> Layer:
+    """One state of each cell: the most promising ones, or with no width all, merged if the same."""
+    if not len(layer.egos):
+        return layer
+    if width is None:
+        rows = np.concatenate([layer.egos, layer.escaped[:, None]], axis=1, dtype=np.float32)
+        _, first = np.unique(rows, axis=0, return_index=True)
+        return layer.at(first)
+    order = np.argsort(_urgency(world, layer), kind="stable")
+    _, first = np.unique(_cells(course, layer)[order], return_index=True)
+    return layer.at(order[np.sort(first)[:width]])
+
+
+def _cells(course: Course, layer: Layer) -> NDArray[np.int64]:
+    """The cell each state lies in, as one number; [S]."""
+    quantum = course.driving.actions.acceleration * course.driving.decision_duration
+    cell = layer.escaped.astype(np.int64)
+    for values, size in zip(layer.egos.T, (ALONG, ACROSS, TURN, quantum), strict=True):
+        # Speeds stand in the middle of their cells, not on an edge.
+        cell = 100_003 * cell + np.floor(values.astype(np.float64) / size + 0.5).astype(np.int64)
+    return cell
+
+
+def _urgency(world: World, layer: Layer) -> NDArray[np.float64]:
+    """A guess at the seconds to the escape, [S]; only the order of searching depends on it.
+
+    The time to be past the trap, accelerating, and a second for every metre still missing to the
+    right of both trap cars. Escaped states come first, the straightest ahead.
+    """
+    x, y, heading, speed = layer.egos.T.astype(np.float64)
+    cars = np.asarray(world.vehicles.x)[list(trap.TRAP_CARS)]
+    length, width = (float(np.max(of)) for of in (world.drivers.length, world.drivers.width))
+    ahead = np.maximum(cars.max() + length - x, 0.0)
+    faster = speed - float(world.vehicles.speed[1])
+    aside = np.asarray(world.vehicles.y)[list(trap.TRAP_CARS)].max() + 1.1 * width - y
+    to_go = np.sqrt(faster**2 + 2.0 * ahead) - faster + np.maximum(aside, 0.0)
+    centres = np.asarray(world.road.centre)[np.asarray(world.road.present)]
+    offset = np.abs(y[:, None] - centres).min(axis=1)
+    urgency: NDArray[np.float64] = np.where(
+        layer.escaped, -100.0 + 20.0 * np.abs(heading) + offset, to_go
+    )
+    return urgency
+
+
+def numbers(start: Start) -> Start:
+    """A start without traffic, its numbers as arrays, so that all starts compile alike."""
+    alone = replace(start, vehicles_ahead=0, vehicles_behind=0)
+    arrays: Start = jax.tree.map(
+        lambda value: np.asarray(value, np.int32 if isinstance(value, int) else np.float32), alone
+    )
+    return arrays
+
+
+@partial(jax.jit, static_argnums=0)
+def begin(course: Course, start: Start) -> World:
+    """The trap alone, its cars grown by the clearance."""
+    traffic = replace(course.scenario.traffic, vehicles_ahead=0, vehicles_behind=0)
+    scenario = replace(course.scenario, traffic=traffic)
+    # Only traffic is drawn, and there is none: any key will do.
+    world = trap.place(scenario, start, jax.random.key(0), course.lanes)
+    grown = 2.0 * course.clearance * jnp.asarray([0.0, 1.0, 1.0])
+    drivers = world.drivers
+    return replace(
+        world,
+        drivers=replace(drivers, length=drivers.length + grown, width=drivers.width + grown),
+    )
+
+
+@partial(jax.jit, static_argnums=0)
+def _step_all(course: Course, world: World, egos: Array) -> tuple[Array, Array, Array]:
+    """Every action from each of [B, 4] egos: ([B, 9, 4] egos, [B, 9] alive, [B, 9] past)."""
+    each_action = jax.vmap(partial(_step, course, world), in_axes=(None, 0))
+    return jax.vmap(each_action, in_axes=(0, None))(egos, jnp.arange(actions.COUNT))
+
+
+def _step(course: Course, world: World, ego: Array, action: Array) -> tuple[Array, Array, Array]:
+    """One decision of the ego among the trap cars of ``world``."""
+    vehicles = world.vehicles
+    x, y, heading, speed = (
+        values.at[0].set(value)
+        for values, value in zip(
+            (vehicles.x, vehicles.y, vehicles.heading, vehicles.speed), ego, strict=True
+        )
+    )
+    world = replace(world, vehicles=replace(vehicles, x=x, y=y, heading=heading, speed=speed))
+    world = bicycle.command(world, *actions.commands(course.driving.actions, action, ego.dtype))
+    world = _ticks(course, world)
+    after = world.vehicles
+    # A hit predicted for the next tick will come whatever is done.
+    dead = accidents.of_ego(world, course.driving.stopped_speed) != accidents.NONE
+    alive = ~dead & ~after.impacted[0]
+    moved = jnp.stack([after.x[0], after.y[0], after.heading[0], after.speed[0]])
+    return moved, alive, trap.escaped(world)
+
+
+@partial(jax.jit, static_argnums=0)
+def _coast(course: Course, world: World) -> World:
+    """The trap cars a decision later, whatever the ego has done."""
+    present = world.vehicles.present
+    alone = replace(world, vehicles=replace(world.vehicles, present=present.at[0].set(False)))
+    later = _ticks(course, alone)
+    return replace(later, vehicles=replace(later.vehicles, present=present))
+
+
+def _ticks(course: Course, world: World) -> World:
+    """The ticks of a decision; all a tick does where nobody drives by rules is to move and to hit.
+
+    Leaving the drivers' look around out makes it three times as fast.
+    """
+    duration = course.driving.tick_duration
+    later: World = jax.lax.fori_loop(
+        0,
+        course.driving.ticks_per_decision,
+        lambda _, state: collision.resolve(bicycle.move(state, duration), duration),
+        world,
+    )
+    return later

@@ -1,0 +1,119 @@
+"""Can a start of the trap be won at all? A search over the nine actions, without other traffic.
+
+Narrow searches find an escape where one is easy to find; where they fail, every sequence of actions
+is followed. A start is unwinnable only where none of them is an escape.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from lanewise.driving import actions, episode
+from lanewise.evaluation import escapes
+from lanewise.evaluation.escapes import Course, Reached
+from lanewise.scenario.trap import Start
+
+KNOWN = 32
+"""Escapes of other starts that are tried before any search."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a start can be won, and how that is known."""
+
+    winnable: bool
+    """False only where the whole reachable set holds no escape."""
+    actions: tuple[int, ...]
+    """An escape, one action a decision, confirmed in the world; empty if none was found."""
+    states: int
+    """States visited by the exhaustive search; 0 where none was needed."""
+    decisions: int
+    """Decisions after which nothing was left of an unwinnable start, or time was up; else 0."""
+
+    @property
+    def decided(self) -> bool:
+        """False where the search was given up; the start then counts as winnable."""
+        return bool(self.actions) or not self.winnable
+
+
+def judge(course: Course, start: Start, known: Sequence[tuple[int, ...]] = ()) -> Verdict:
+    """Whether the ego can be past the trap and have no accident within the course's duration.
+
+    Args:
+        course: the rules.
+        start: its numbers; those of traffic do not matter.
+        known: escapes of other starts, the most promising first; the first `KNOWN` are tried.
+
+    Returns:
+        The verdict; with it the escape, which the compiled world has replayed.
+    """
+    for escape, holds in zip(known, replay(course, start, known[:KNOWN]), strict=False):
+        if holds:
+            return Verdict(True, escape, 0, 0)
+    world = escapes.begin(course, escapes.numbers(start))
+    for width in escapes.WIDTHS:
+        escape = _confirmed(course, start, escapes.search(course, world, width))
+        if escape:
+            return Verdict(True, escape, 0, 0)
+    reached = escapes.search(course, world, None)
+    states = sum(len(layer.egos) for layer in reached.layers[1:])
+    if reached.whole:
+        return Verdict(False, (), states, len(reached.layers) - 1)
+    return Verdict(True, _confirmed(course, start, reached), states, 0)
+
+
+def replay(course: Course, start: Start, sequences: Sequence[tuple[int, ...]]) -> NDArray[np.bool_]:
+    """Which action sequences are escapes: driven in the world as any test episode is.
+
+    Args:
+        course: the rules.
+        start: its numbers.
+        sequences: at most `KNOWN`, each of the course's duration.
+
+    Returns:
+        bool, one a sequence: past the trap at the end of some decision, and no accident.
+    """
+    if not sequences:
+        return np.zeros(0, bool)
+    padded = np.full((KNOWN, course.duration), actions.IDLE, np.int32)
+    padded[: len(sequences)] = sequences
+    escaped: NDArray[np.bool_] = np.asarray(_replay(course, escapes.numbers(start), padded))
+    return escaped[: len(sequences)]
+
+
+@partial(jax.jit, static_argnums=0)
+def _replay(course: Course, start: Start, sequences: Array) -> Array:
+    world = escapes.begin(course, start)
+
+    def drive(chosen: Array) -> Array:
+        def decide(
+            state: tuple[episode.Episode, Array], action: Array
+        ) -> tuple[tuple[episode.Episode, Array], None]:
+            after, outcome = episode.step(course.driving, state[0], action, course.duration)
+            return (after, state[1] | outcome.terminated), None
+
+        (after, failed), _ = jax.lax.scan(decide, (episode.begin(world), jnp.bool_(False)), chosen)
+        won: Array = after.escaped & ~failed
+        return won
+
+    return jax.vmap(drive)(sequences)
+
+
+def _confirmed(course: Course, start: Start, reached: Reached) -> tuple[int, ...]:
+    """The actions that led to the first escaped state of the last layer, if they hold."""
+    layers = reached.layers
+    won = np.flatnonzero(layers[-1].escaped)
+    if len(layers) <= course.duration or not len(won):
+        return ()
+    state, backwards = int(won[0]), []
+    for layer in reversed(layers[1:]):
+        backwards.append(int(layer.action[state]))
+        state = int(layer.parent[state])
+    escape = tuple(reversed(backwards))
+    return escape if replay(course, start, [escape])[0] else ()

@@ -1,0 +1,159 @@
+"""A controller over a grid of starts: which can be won at all, and which it wins.
+
+All starts of a grid are numbers to one compiled test, in worlds as wide and as full as the widest
+and fullest start needs.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from math import ceil
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from lanewise.controllers.controller import Parameters
+from lanewise.driving.settings import DrivingSettings
+from lanewise.evaluation import drive, escapes, reachability
+from lanewise.evaluation.drive import TestCourse
+from lanewise.evaluation.episodes import Episodes
+from lanewise.evaluation.grid import CAUSES, Grid, Outcome, Point, Reach
+from lanewise.scenario import trap
+from lanewise.scenario.settings import TrapSettings
+from lanewise.scenario.trap import Start
+from lanewise.world.state import World
+
+Escape = tuple[int, ...]
+
+
+def course(test: TestCourse, grid: Grid) -> TestCourse:
+    """The test of a grid's starts: the controller's own, with room for every start."""
+    traffic = replace(test.scenario.traffic, vehicles_behind=max(grid.vehicles_behind))
+    return replace(test, scenario=replace(test.scenario, lanes=max(grid.lanes), traffic=traffic))
+
+
+def start_of(scenario: TrapSettings, point: Point) -> Start:
+    """A point's numbers; the traffic ahead is the scenario's."""
+    return Start(vehicles_ahead=scenario.traffic.vehicles_ahead, **point._asdict())
+
+
+def reach(
+    scenario: TrapSettings,
+    driving: DrivingSettings,
+    duration: int,
+    clearance: float,
+    points: Sequence[Point],
+    known: Sequence[str] = (),
+) -> Iterator[Reach]:
+    """Which points can be won at all, and which with some clearance.
+
+    Args:
+        scenario: with the road's width and limit.
+        driving: the actions and the rules.
+        duration: decisions.
+        clearance: distance to keep from the trap cars, m.
+        points: in an order in which neighbours are alike: escapes of the last ones are tried first.
+        known: escapes found before.
+
+    Yields:
+        One for each point.
+    """
+    lanes = max((point.lanes for point in points), default=2)
+    strict = escapes.Course(scenario, driving, lanes, duration)
+    wide = replace(strict, clearance=clearance)
+    pool: dict[Escape, None] = {tuple(map(int, escape)): None for escape in known if escape}
+    for point in points:
+        start = start_of(scenario, point)
+        latest = list(reversed(pool))
+        clear = reachability.judge(wide, start, latest)
+        verdict = clear
+        if not (clear.actions and reachability.replay(strict, start, [clear.actions])[0]):
+            verdict = reachability.judge(strict, start, latest)
+        for found in (verdict.actions, clear.actions):
+            if found:
+                pool.pop(found, None)
+                pool[found] = None
+        yield Reach(
+            winnable=verdict.winnable,
+            decided=verdict.decided and clear.decided,
+            clear=clear.winnable,
+            escape="".join(map(str, clear.actions or verdict.actions)),
+            states=verdict.states,
+        )
+
+
+def run(
+    test: TestCourse,
+    parameters: Parameters,
+    seed: int,
+    episodes: int,
+    points: Sequence[Point],
+    first: int = 0,
+) -> Iterator[list[Outcome]]:
+    """Drive every point's episodes greedily.
+
+    Args:
+        test: from `course`.
+        parameters: of all the controller's levels.
+        seed: of the traffic; episode e of point i is start i * ``episodes`` + e of the seed.
+        episodes: of each point.
+        points: all of the grid.
+        first: the point to begin with.
+
+    Yields:
+        The outcomes of the next few points: as many as fill a block, at least one.
+    """
+    together = max(1, drive.BLOCK // episodes)
+    for begin in range(first, len(points), together):
+        some = points[begin : begin + together]
+        numbers = [start_of(test.scenario, point) for point in some for _ in range(episodes)]
+        found = _drive(test, parameters, seed, begin * episodes, numbers)
+        yield [
+            _outcome(found, slice(place * episodes, (place + 1) * episodes))
+            for place in range(len(some))
+        ]
+
+
+def _drive(
+    test: TestCourse, parameters: Parameters, seed: int, first: int, numbers: Sequence[Start]
+) -> Episodes:
+    """Episodes from given starts, in blocks; the last is filled up with copies."""
+    count = len(numbers)
+    filled = [*numbers, *[numbers[-1]] * (ceil(count / drive.BLOCK) * drive.BLOCK - count)]
+    sums = []
+    for begin in range(0, len(filled), drive.BLOCK):
+        block: Start = jax.tree.map(
+            lambda *values: np.asarray(
+                values, np.int32 if isinstance(values[0], int) else np.float32
+            ),
+            *filled[begin : begin + drive.BLOCK],
+        )
+        worlds = _place(test, seed, first + begin, block)
+        sums.append(jax.device_get(drive.drive_block(test, parameters, worlds)))
+    whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *sums)
+    return drive.as_episodes(test.driving, whole)
+
+
+@partial(jax.jit, static_argnums=0)
+def _place(test: TestCourse, seed: Array, first: Array, starts: Start) -> World:
+    """The worlds of a block of starts."""
+
+    def one(index: Array, start: Start) -> World:
+        key = trap.start_key(seed, "test", index)
+        return trap.place(test.scenario, start, key, test.scenario.lanes)
+
+    return jax.vmap(one)(first + jnp.arange(drive.BLOCK), starts)
+
+
+def _outcome(found: Episodes, which: slice) -> Outcome:
+    accident = found.accident[which]
+    causes = {cause: int((accident == code).sum()) for code, cause in enumerate(CAUSES, 1)}
+    return Outcome(
+        episodes=len(accident),
+        successes=int(found.success[which].sum()),
+        speed=float(found.average_speed[which].mean()),
+        reward=float(found.accumulated_reward[which].mean()),
+        **causes,
+    )

@@ -1,0 +1,190 @@
+"""The map of a sweep: success and accidents over two axes of a grid, in panels for a third.
+
+A field folds all other axes together and counts winnable starts; where some of its starts cannot
+be won a corner is hatched, where none can all of it is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lanewise.errors import LanewiseError
+from lanewise.evaluation.grid import Cell, fold, pool
+from lanewise.report.extras import needed_for
+from lanewise.report.files import check_suffix, replacing
+
+with needed_for("the map"):
+    import matplotlib
+    from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize, to_rgb
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch, Polygon, Rectangle
+
+LABELS = {
+    "ego_speed": ("ego speed, m/s", "ego"),
+    "trap_speed": ("trap speed, m/s", "trap"),
+    "lanes": ("lanes", "lanes"),
+    "front_distance": ("D1, m", "D1"),
+    "side_distance": ("D2, m", "D2"),
+    "spacing": ("traffic spacing, m", "spacing"),
+    "vehicles_behind": ("vehicles behind", "behind"),
+}
+"""An axis' label with its unit, and its short name."""
+
+# cividis looks the same to every kind of colour vision and rises evenly in grey. Bright is good in
+# both rows, so accidents run the other way.
+ROWS = (
+    ("success, % of winnable", "success_rate", "cividis"),
+    ("accidents, % of winnable", "accident_rate", "cividis_r"),
+)
+"""Label, rate and colours of the rows of panels."""
+UNWINNABLE = "0.85"
+"""Grey of a field in which no start can be won."""
+HATCH = "////"
+CORNER = 0.45
+"""Size of the hatched corner of a field in which some starts cannot be won."""
+
+_RC: dict[Any, Any] = {
+    "font.size": 9.0,
+    "hatch.linewidth": 0.5,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "lanewise",
+}
+
+
+@dataclass(frozen=True)
+class View:
+    """Which axes a map shows."""
+
+    x: str = "ego_speed"
+    """Along the horizontal axis."""
+    y: str = "trap_speed"
+    """Along the vertical axis."""
+    panel: str = "lanes"
+    """One column of panels for each value."""
+
+
+def write_map(cells: Sequence[Cell], path: Path | str, view: View | None = None) -> None:
+    """Draw a map into a PNG or SVG file; the same cells give the same file.
+
+    Args:
+        cells: of a whole grid.
+        path: ending in .png or .svg.
+        view: the axes shown; ego speed, trap speed and lanes if none is given.
+
+    Raises:
+        LanewiseError: if there are no cells, or the file cannot be written.
+    """
+    suffix = check_suffix(path, (".png", ".svg"))
+    if not cells:
+        raise LanewiseError("there are no starts to draw")
+    metadata = {"Date": None} if suffix == ".svg" else {"Software": "lanewise"}
+    with matplotlib.rc_context(_RC), replacing(path) as beside:
+        draw(cells, view or View()).savefig(beside, format=suffix[1:], dpi=160, metadata=metadata)
+
+
+def draw(cells: Sequence[Cell], view: View) -> Figure:
+    """The figure of `write_map`."""
+    values = {axis: sorted({getattr(c.point, axis) for c in cells}) for axis in LABELS}
+    columns = values[view.panel]
+    across, down = len(values[view.x]), len(values[view.y])
+    figure = Figure(
+        figsize=(1.6 + len(columns) * (0.5 + 0.5 * across), 1.3 + 2 * (0.6 + 0.42 * down)),
+        layout="constrained",
+    )
+    panels = figure.subplots(2, len(columns), sharex=True, sharey=True, squeeze=False)
+    for row, (label, rate, colours) in enumerate(ROWS):
+        scale = ScalarMappable(Normalize(0.0, 100.0), matplotlib.colormaps[colours])
+        for column, value in enumerate(columns):
+            axes = panels[row, column]
+            own = [cell for cell in cells if getattr(cell.point, view.panel) == value]
+            _panel(axes, own, view, values, (rate, scale))
+            if row == 0:
+                axes.set_title(f"{_short(value)} {LABELS[view.panel][1]}", fontsize="medium")
+        panels[row, 0].set_ylabel(LABELS[view.y][0])
+        figure.colorbar(scale, ax=list(panels[row]), label=label, aspect=14, pad=0.02)
+    for axes in panels[1]:
+        axes.set_xlabel(LABELS[view.x][0])
+    figure.legend(handles=_key(cells), loc="outside lower center", ncols=2, frameon=False)
+    return figure
+
+
+def _key(cells: Sequence[Cell]) -> list[Patch]:
+    """What hatching means, as far as it occurs."""
+    if all(cell.reach.winnable for cell in cells):
+        return []
+    return [
+        Patch(
+            facecolor="white",
+            edgecolor="0.3",
+            hatch=HATCH,
+            label="some cannot be won (winnable/all)",
+        ),
+        Patch(facecolor=UNWINNABLE, edgecolor="0.3", hatch=HATCH, label="none can be won"),
+    ]
+
+
+def _panel(
+    axes: Axes,
+    cells: Sequence[Cell],
+    view: View,
+    values: dict[str, list[float]],
+    shown: tuple[str, ScalarMappable],
+) -> None:
+    """One panel: a coloured field with its number for each pair of values."""
+    for (x, y), own in fold(cells, view.x, view.y).items():
+        _field(axes, (values[view.x].index(x), values[view.y].index(y)), own, shown)
+    for limits, ticks, axis in (
+        (axes.set_xlim, axes.set_xticks, view.x),
+        (axes.set_ylim, axes.set_yticks, view.y),
+    ):
+        limits(-0.5, len(values[axis]) - 0.5)
+        ticks(range(len(values[axis])), [_short(value) for value in values[axis]])
+    axes.tick_params(length=0.0)
+
+
+def _field(
+    axes: Axes, place: tuple[int, int], cells: Sequence[Cell], shown: tuple[str, ScalarMappable]
+) -> None:
+    """One field of a panel."""
+    rate, scale = shown
+    share = pool(cells, "winnable")
+    lost = len(cells) - share.starts
+    percent = 100.0 * getattr(share, rate) if share.starts else 0.0
+    colour = to_rgb(UNWINNABLE)
+    if share.starts:
+        red, green, blue, _ = (float(part) for part in scale.to_rgba(np.asarray([percent]))[0])
+        colour = (red, green, blue)
+    # Luma, as in ITU-R BT.601.
+    ink = "black" if np.dot(colour, (0.299, 0.587, 0.114)) > 0.5 else "white"
+    x, y = place
+    axes.add_patch(
+        Rectangle((x - 0.5, y - 0.5), 1.0, 1.0, facecolor=colour, edgecolor="white", linewidth=0.8)
+    )
+    if lost:
+        # All of a lost field is hatched, of others a corner that leaves room for their numbers.
+        size = CORNER if share.starts else 1.0
+        corner = [(x + 0.5, y + 0.5), (x + 0.5 - size, y + 0.5), (x + 0.5, y + 0.5 - size)]
+        whole = [] if share.starts else [(x - 0.5, y - 0.5)]
+        corner = [*corner[:2], *whole, corner[2]]
+        axes.add_patch(Polygon(corner, fill=False, edgecolor=ink, linewidth=0.0, hatch=HATCH))
+    if share.starts:
+        axes.text(x, y, figure_of(percent), color=ink, ha="center", va="center", fontsize=8.0)
+    if lost and share.starts:
+        counts = f"{share.starts}/{len(cells)}"
+        axes.text(x, y - 0.3, counts, color=ink, ha="center", va="center", fontsize=6.0)
+
+
+def figure_of(percent: float) -> str:
+    """A percentage in four characters at most; 100 and 0 only where they are exact."""
+    if percent in (0.0, 100.0):
+        return f"{percent:.0f}"
+    return f"{min(max(percent, 0.1), 99.9):.1f}"
+
+
+def _short(value: float) -> str:
+    return f"{value:g}"

@@ -1,0 +1,68 @@
+import pytest
+
+from lanewise.errors import SettingsError
+from lanewise.evaluation import grid as grids
+from lanewise.evaluation.grid import Cell, Grid, Outcome, Point, Reach, fold, pool
+
+
+def cell(ego=10.0, lanes=3, winnable=True, clear=True, successes=8, collision=1, stopped=0):
+    return Cell(
+        Point(ego, 10.0, lanes, 15.0, 5.0, 25.0, 0),
+        Reach(winnable, True, clear, "", 0),
+        Outcome(10, successes, collision, 0, stopped, 12.0, 9.0),
+    )
+
+
+def test_points_are_every_combination_traffic_fastest():
+    grid = Grid(ego_speed=(8.0, 9.0), spacing=(17.0, 25.0), vehicles_behind=(0, 1, 2))
+    points = grid.points()
+    assert len(points) == 2 * 4 * 3 * 4 * 4 * 6 == len(set(points))
+    assert grid.traffics == 6
+    apart = points[:: grid.traffics]
+    assert len({point[:5] for point in apart}) == len(apart) == len(points) / 6
+    assert all(point[:5] == apart[index // 6][:5] for index, point in enumerate(points))
+    assert points[0] == Point(8.0, 8.0, 3, 14.3, 3.5, 17.0, 0)
+
+
+def test_axes_and_points_and_settings_name_the_same_things():
+    assert tuple(vars(Grid())) == Point._fields == tuple(grids.SETTINGS)
+
+
+def test_a_value_given_twice_is_refused():
+    grids.check(Grid())
+    with pytest.raises(SettingsError, match=r"--trap-speed: 9\.0 is given twice"):
+        grids.check(Grid(trap_speed=(9.0, 8.0, 9.0)))
+
+
+def test_denominators_count_the_starts_they_name():
+    cells = [
+        cell(),
+        cell(winnable=False, clear=False, successes=0, collision=10),
+        cell(clear=False, successes=2, collision=3, stopped=1),
+    ]
+    everything, winnable, clear = (pool(cells, name) for name in grids.DENOMINATORS)
+    assert (everything.starts, everything.episodes, everything.successes) == (3, 30, 10)
+    assert everything.success_rate == pytest.approx(1 / 3)
+    assert everything.accidents == {"collision": 14, "off_road": 0, "stopped": 1}
+    assert everything.accident_rate == pytest.approx(0.5)
+    assert (winnable.starts, winnable.success_rate) == (2, 0.5)
+    assert (clear.starts, clear.success_rate, clear.accident_rate) == (1, 0.8, 0.1)
+    low, high = clear.to_json()["success_interval"]
+    # Clopper and Pearson's for 8 of 10, from tables.
+    assert (low, high) == (pytest.approx(0.4439, abs=1e-4), pytest.approx(0.9748, abs=1e-4))
+
+
+def test_nothing_to_count_has_no_rate():
+    share = pool([cell(winnable=False)], "winnable")
+    assert share.starts == share.episodes == 0
+    assert share.success_rate != share.success_rate
+    assert share.to_json()["success_interval"] is None
+
+
+def test_folding_keeps_every_cell_once():
+    cells = [cell(ego, lanes) for ego in (8.0, 9.0) for lanes in (3, 4) for _ in range(3)]
+    groups = fold(cells, "lanes", "ego_speed")
+    assert set(groups) == {(3, 8.0), (3, 9.0), (4, 8.0), (4, 9.0)}
+    assert all(len(group) == 3 for group in groups.values())
+    for (lanes, ego), group in groups.items():
+        assert all((c.point.lanes, c.point.ego_speed) == (lanes, ego) for c in group)

@@ -1,0 +1,189 @@
+"""Winnable or not: against every sequence of actions, a closed form, and the real highway-env."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from lanewise.driving import actions, episode
+from lanewise.driving.settings import DrivingSettings
+from lanewise.evaluation import escapes, reachability
+from lanewise.evaluation.escapes import Course
+from lanewise.interop.highway_env import build_env, read_world
+from lanewise.scenario.settings import TrapSettings
+from lanewise.scenario.trap import Start
+from lanewise.world import bicycle, tick
+
+DRIVING = DrivingSettings()
+COURSE = Course(TrapSettings(), DRIVING, lanes=5, duration=50)
+
+
+def start(ego, trap, front, side, lanes=3):
+    return Start(lanes, ego, trap, front, side, 25.0, 0, 0)
+
+
+PAPER = start(10.0, 10.0, 15.62, 6.61)
+HOPELESS = start(13.0, 8.0, 14.8, 7.43)
+THREADED = start(13.0, 8.0, 14.8, 6.61)
+"""To be won only between the trap cars, a centimetre from either."""
+
+
+def stopping_gap(it):
+    """Metres left behind trap car 1 after braking straight down to its speed, in closed form.
+
+    Each tick of 0.1 s moves with the old speed and then takes 0.1 m/s off it: with n ticks,
+    D1 - 5 m - sum over k < n of (dv - 0.1 k) 0.1, the sum of an arithmetic series.
+    """
+    faster = max(it.ego_speed - it.trap_speed, 0.0)
+    ticks = round(faster / 0.1)
+    return it.front_distance - 5.0 - 0.1 * (faster * ticks - 0.05 * ticks * (ticks - 1))
+
+
+@pytest.fixture(scope="module")
+def paper():
+    return reachability.judge(COURSE, PAPER)
+
+
+def test_the_papers_start_can_be_won(paper):
+    assert paper.winnable
+    assert paper.decided
+    assert len(paper.actions) == 50
+
+
+def test_an_escape_holds_in_the_real_highway_env(paper):
+    """Both an easy escape and the narrowest: highway-env itself sees no crash and no way off."""
+    threaded = reachability.judge(COURSE, THREADED)
+    assert threaded.actions
+    for it, chosen in ((PAPER, paper.actions), (THREADED, threaded.actions)):
+        env = build_env(jax.device_get(escapes.begin(COURSE, escapes.numbers(it))))
+        past = False
+        for action in chosen:
+            env.step(action)
+            assert not env.vehicle.crashed
+            assert env.vehicle.on_road
+            assert env.vehicle.speed > DRIVING.stopped_speed
+            cars = read_world(env).vehicles.x
+            past |= bool(cars[0] - 2.5 > cars[1:].max() + 2.5)
+        assert past
+        env.close()
+
+
+def test_a_hopeless_start_ends_in_an_accident_whatever_is_done():
+    """Every sequence of actions, one by one, in the world as a test episode drives it."""
+    verdict = reachability.judge(COURSE, HOPELESS)
+    assert not verdict.winnable
+    assert verdict.actions == ()
+    assert stopping_gap(HOPELESS) < 0.0
+
+    @jax.jit
+    def step_all(states):
+        one = partial(episode.step, DRIVING, duration=50)
+        return jax.vmap(lambda s: jax.vmap(lambda a: one(s, a))(jnp.arange(9)))(states)
+
+    state = episode.begin(escapes.begin(COURSE, escapes.numbers(HOPELESS)))
+    states = jax.tree.map(lambda leaf: np.asarray(leaf)[None], state)
+    driven = decisions = 0
+    while True:
+        count = len(states.decisions)
+        # Powers of two compile a few times only.
+        padded = jax.tree.map(
+            lambda leaf: np.concatenate(
+                [leaf, np.repeat(leaf[-1:], (1 << (count - 1).bit_length()) - count, 0)]  # noqa: B023
+            ),
+            states,
+        )
+        after, outcome = jax.device_get(step_all(padded))
+        alive = ~outcome.terminated[:count]
+        states = jax.tree.map(lambda leaf: leaf[:count][alive], after)  # noqa: B023
+        driven += int(alive.sum())
+        decisions += 1
+        assert not states.escaped.any()
+        if not alive.any():
+            break
+        assert decisions < 50
+    # One decision later than the search, which gives up what is sure to be hit in the next tick.
+    assert decisions in (verdict.decisions, verdict.decisions + 1)
+    assert driven >= verdict.states > 500
+
+
+@pytest.mark.parametrize("ego", [8.0, 13.0])
+@pytest.mark.parametrize("trap", [8.0, 11.0])
+@pytest.mark.parametrize(("front", "side"), [(14.0, 8.2), (14.8, 7.43), (16.44, 4.06)])
+def test_whoever_can_stay_behind_can_get_out(ego, trap, front, side):
+    """Braking straight down to the trap's speed without touching it is enough to escape later."""
+    it = start(ego, trap, front, side)
+    verdict = reachability.judge(COURSE, it)
+    if stopping_gap(it) > 0.0:
+        assert verdict.actions
+    if not verdict.winnable:
+        assert stopping_gap(it) <= 0.0
+    assert verdict.decided
+
+
+def test_clearance_rules_out_what_passes_by_centimetres():
+    assert reachability.judge(COURSE, THREADED).winnable
+    wide = Course(TrapSettings(), DRIVING, 5, 50, clearance=0.1)
+    assert not reachability.judge(wide, THREADED).winnable
+    roomy = reachability.judge(wide, PAPER)
+    assert roomy.winnable
+    assert reachability.replay(COURSE, PAPER, [roomy.actions])[0]
+
+
+def test_a_known_escape_is_enough(paper):
+    """It holds with more lanes too, and saves the search; a useless one does no harm."""
+    wider = start(10.0, 10.0, 15.62, 6.61, lanes=5)
+    idle = (actions.IDLE,) * 50
+    assert reachability.replay(COURSE, wider, [idle, paper.actions]).tolist() == [False, True]
+    verdict = reachability.judge(COURSE, wider, [idle, paper.actions])
+    assert verdict.actions == paper.actions
+    assert not reachability.judge(COURSE, HOPELESS, [idle, paper.actions]).winnable
+
+
+def test_a_search_given_up_does_not_call_a_start_unwinnable(monkeypatch):
+    monkeypatch.setattr(escapes, "WIDTHS", (1,))
+    monkeypatch.setattr(escapes, "MOST_STATES", 10)
+    verdict = reachability.judge(COURSE, HOPELESS)
+    assert verdict.winnable
+    assert not verdict.decided
+
+
+def test_the_searchs_ticks_are_the_worlds():
+    """Moving and hitting is all a tick does among the trap cars: same bits, crashes included."""
+    rng = np.random.default_rng(0)
+    world = escapes.begin(COURSE, escapes.numbers(start(10.0, 8.0, 15.0, 5.0)))
+    egos = np.stack(
+        [
+            rng.uniform(0.0, 20.0, 300),
+            rng.uniform(-2.5, 7.0, 300),
+            rng.uniform(-0.5, 0.5, 300),
+            rng.uniform(5.0, 15.0, 300),
+        ],
+        axis=1,
+    ).astype(np.float32)
+    chosen = rng.integers(0, 9, 300)
+
+    @jax.jit
+    def theirs(ego, action):
+        put = {
+            name: getattr(world.vehicles, name).at[0].set(value)
+            for name, value in zip(("x", "y", "heading", "speed"), ego, strict=True)
+        }
+        commands = actions.commands(DRIVING.actions, action, jnp.float32)
+        placed = type(world)(
+            world.road, world.drivers, type(world.vehicles)(**{**vars(world.vehicles), **put})
+        )
+        after = tick.run(bicycle.command(placed, *commands), 0.1, 5).vehicles
+        return jnp.stack([after.x[0], after.y[0], after.heading[0], after.speed[0]]), (
+            after.crashed[0] | after.impacted[0]
+        )
+
+    moved, hit = jax.vmap(theirs)(egos, chosen)
+    ours, alive, _ = escapes._step_all(COURSE, world, egos)
+    rows = np.arange(300)
+    np.testing.assert_allclose(np.asarray(ours)[rows, chosen], moved, rtol=2e-6, atol=1e-6)
+    assert 0 < np.asarray(hit).sum() < 300
+    assert not (np.asarray(alive)[rows, chosen] & np.asarray(hit)).any()
+    on_road = (np.abs(np.asarray(moved)[:, 1] - 4.0) < 5.9) & ~np.asarray(hit)
+    assert np.asarray(alive)[rows, chosen][on_road].all()
