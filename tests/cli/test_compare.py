@@ -42,7 +42,7 @@ def make_run(name, changes):
     rng = np.random.default_rng(seed)
     with RunFolder.create(Path(name), settings, CONTROLLER, seed) as folder:
         (stage,) = recipe.RECIPES[CONTROLLER]
-        shapes = {stage.level: trained.blank_network(folder, stage)}
+        shapes = trained.blank_networks(folder, stage)
         weights = jax.tree.map(lambda leaf: rng.normal(0, 0.5, leaf.shape).astype("f4"), shapes)
         trained.save_controller(folder, weights)
 

@@ -102,7 +102,6 @@ def test_seeds_that_disagree_make_it_depend():
         ({"hierarchical": replace(OURS, training=training([0] * 300))}, 0),
         ({"single_level": replace(FLAT, training=training([1] * 100 + [1, 0] * 100))}, 1),
         ({"explorers": (FLAT, replace(FLAT, test=outcomes(50, 0)))}, 2),
-        ({"explorers": ()}, 2),
         ({"hierarchical": replace(OURS, settled=300)}, 3),
         ({"single_level": replace(FLAT, training=training([0] * 300, noise=9.0))}, 4),
         ({"single_level": replace(FLAT, recording=recording([10, 7, 7], 0.2, [15, 18, 16]))}, 5),
@@ -122,5 +121,8 @@ def test_epsilon_settles_at_its_first_final_value():
     assert claims.settled_after([]) == 0
 
 
-def test_no_seed_no_claims():
+def test_no_evidence_no_claims():
     assert claims.ledger([]) == []
+    without = claims.ledger([replace(PAPER, explorers=())])
+    assert len(without) == len(claims.CLAIMS) - 1
+    assert not any("exploration does not help" in claim.text for claim in without)

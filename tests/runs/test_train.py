@@ -11,7 +11,7 @@ import pytest
 from lanewise import cli, config
 from lanewise.errors import RunError
 from lanewise.progress import Progress
-from lanewise.runs import files, train
+from lanewise.runs import files, train, trained
 from lanewise.runs.folder import RunFolder
 
 STAGE = {
@@ -24,13 +24,20 @@ STAGE = {
     "learner.replay_capacity": 300,
 }
 """Five chunks a stage."""
+LEVEL = {name: value for name, value in STAGE.items() if name.startswith("learner.")}
+BUDGET = {name: value for name, value in STAGE.items() if name not in LEVEL}
 FLAGS = {
     "scenario.traffic.vehicles_ahead": 0,
     "planner.preview": 2,
     "evaluation.duration": 4,
     "evaluation.validation_episodes": 5,
     "evaluation.validation_interval": 2,
-} | {f"{stage}.{name}": value for stage in config.STAGES for name, value in STAGE.items()}
+}
+for part, values in (
+    *((stage, STAGE) for stage in config.STAGES),
+    *(("h_dqn", BUDGET), ("h_dqn.high_level", LEVEL), ("h_dqn.low_level", LEVEL)),
+):
+    FLAGS |= {f"{part}.{name}": value for name, value in values.items()}
 RESULTS = ("controller.safetensors", "metrics.jsonl")
 
 
@@ -60,8 +67,8 @@ def press_ctrl_c():
     os.kill(os.getpid(), signal.SIGINT)
 
 
-def create(path, seed=4):
-    return RunFolder.create(path, config.compose(flags=FLAGS), "hierarchical", seed)
+def create(path, seed=4, controller="hierarchical"):
+    return RunFolder.create(path, config.compose(flags=FLAGS), controller, seed)
 
 
 def resume(path, reporter=None):
@@ -100,6 +107,26 @@ def test_ctrl_c_and_resume_give_the_same_bytes(tmp_path, whole, at, monkeypatch)
         assert list(folder.checkpoints.glob(f"*chunk-{at[1]:08d}.json"))
     resume(path)
     assert results(path) == results(whole)
+
+
+def test_both_levels_of_h_dqn_resume_to_the_same_bytes(tmp_path, monkeypatch):
+    with create(tmp_path / "whole", controller="h-dqn") as folder:
+        train.train(folder, None, Quiet())
+    monkeypatch.setattr(train, "INTERVAL", 1e9)
+    path = tmp_path / "run"
+    with create(path, controller="h-dqn") as folder, pytest.raises(KeyboardInterrupt):
+        train.train(folder, None, Quiet(("h-dqn", 2), press_ctrl_c))
+    resume(path)
+    assert results(path) == results(tmp_path / "whole")
+    stored = trained.load(path).parameters
+    assert {name: weights[0][0].shape for name, weights in stored.items()} == {
+        "high_level": (26, 16),
+        "low_level": (28, 16),
+    }
+
+
+def test_a_finished_run_needs_no_checkpoints(whole):
+    assert list((whole / "checkpoints").iterdir()) == []
 
 
 def test_ctrl_c_within_a_chunk_waits_for_its_end(tmp_path, whole, monkeypatch):

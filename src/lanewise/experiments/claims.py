@@ -68,8 +68,11 @@ class Claim:
 
 
 def ledger(seeds: Sequence[Seed]) -> list[Claim]:
-    """Every claim, over the given seeds; none without a seed."""
-    return [claim(seeds) for claim in CLAIMS] if seeds else []
+    """Every claim there is evidence for, over the given seeds; none without a seed."""
+    if not seeds:
+        return []
+    explored = any(seed.explorers for seed in seeds)
+    return [claim(seeds) for claim in CLAIMS if explored or claim is not _exploring_more]
 
 
 def _early_escapes(seeds: Sequence[Seed]) -> Claim:

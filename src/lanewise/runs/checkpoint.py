@@ -106,7 +106,7 @@ def save(
     text = json.dumps(manifest, indent=1, allow_nan=False) + "\n"
     write_atomically(directory, {f"{name}.safetensors": data, f"{name}.json": text.encode()})
     if keep is not None:
-        _prune(directory, keep)
+        prune(directory, keep)
 
 
 def load(
@@ -185,9 +185,10 @@ def _check_name(name: str) -> None:
         raise CheckpointError(f"{name[:80]!r} is no name for a checkpoint")
 
 
-def _prune(directory: Path, keep: int) -> None:
+def prune(directory: Path, keep: int) -> None:
     """Deletes all but the newest; the manifest goes first, so that no half is ever offered."""
-    for name in names(directory)[:-keep]:
+    every = names(directory)
+    for name in every[: max(0, len(every) - keep)]:
         for ending in ("json", "safetensors"):
             (directory / f"{name}.{ending}").unlink(missing_ok=True)
     # What a kill in the middle of writing left; the lock on the run keeps other writers out.

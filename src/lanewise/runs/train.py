@@ -100,6 +100,8 @@ def train(folder: RunFolder, high_level: Path | None, reporter: Progress) -> Non
                 found = None
             frozen = frozen | trained.load_stage(folder, stage)
     trained.save_controller(folder, frozen)
+    # Only now, when nothing is left to resume.
+    checkpoint.prune(folder.checkpoints, keep=0)
 
 
 def plan_of(folder: RunFolder, stage: recipe.Stage) -> StagePlan:
