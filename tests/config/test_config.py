@@ -1,7 +1,6 @@
 import dataclasses
 import math
 import tomllib
-from pathlib import Path
 
 import pytest
 
@@ -238,16 +237,6 @@ def test_a_range_is_given_taken_back_and_written():
     for settings in (wide, Settings()):
         assert config.from_dict(tomllib.loads(config.dump_toml(settings))) == settings
     assert "training_trap_speed = []" in config.dump_toml(wide)
-
-
-def test_runs_from_before_a_setting_keep_their_digest():
-    """The first run folder's settings file and the digest its manifest has; both as they were."""
-    settings = config.compose(file=Path(__file__).parent / "first-settings.toml")
-    digest = "5885043004c2b56b70285022370345da2522e92e691bc626c4305b82b967397b"
-    assert config.digest(settings) == digest
-    wide = config.replace(settings, {"scenario.training_lanes": [3, 5]})
-    narrow = config.replace(settings, {"scenario.training_lanes": [3, 3]})
-    assert len({digest, config.digest(wide), config.digest(narrow)}) == 3
 
 
 def test_first_difference_names_setting_and_both_values():

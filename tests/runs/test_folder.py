@@ -1,3 +1,4 @@
+import hashlib
 import json
 import os
 import subprocess
@@ -136,3 +137,18 @@ def test_the_lock_is_exclusive_within_a_process_too(run):
     with RunFolder.resume(run), pytest.raises(RunError, match="is in use"):
         RunFolder.resume(run)
     RunFolder.resume(run).close()
+
+
+def test_a_run_from_before_a_setting_is_still_read(tmp_path):
+    """As a later version would find it: a setting that is not in the file has its default."""
+    with RunFolder.create(tmp_path / "run", config.compose(), "single-level", 3) as made:
+        old = (made.path / "settings.toml").read_text().splitlines()
+    kept = "\n".join(line for line in old if not line.startswith("hold = ")) + "\n"
+    assert len(kept) < len("\n".join(old))
+    (made.path / "settings.toml").write_text(kept)
+    manifest = json.loads((made.path / "run.json").read_text())
+    manifest["settings_digest"] = hashlib.sha256(kept.encode()).hexdigest()
+    (made.path / "run.json").write_text(json.dumps(manifest))
+    found = RunFolder.open(made.path)
+    assert found.settings == config.compose()
+    assert found.digest == manifest["settings_digest"]

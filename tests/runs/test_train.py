@@ -85,6 +85,14 @@ def save_every_chunk(monkeypatch):
     monkeypatch.setattr(train, "INTERVAL", 0.0)
 
 
+@pytest.fixture(autouse=True)
+def hears_ctrl_c():
+    """Whoever started the tests in the background may have told them to ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """A run that was never stopped."""

@@ -8,7 +8,7 @@ from lanewise.errors import SettingsError
 from lanewise.interop.highway_env import build_env, read_world
 from lanewise.world import build
 from lanewise.world.settings import PAPER_DRIVER
-from lanewise.world.state import RULE_BASED
+from lanewise.world.state import CONSTANT, RULE_BASED
 
 
 @pytest.fixture
@@ -53,9 +53,9 @@ def test_routes(env):
         read_world(env)
 
 
-def test_an_ego_that_drives_itself(make_world):
+def test_an_ego_that_nobody_drives(make_world):
     with pytest.raises(SettingsError, match="vehicle 0"):
-        build_env(make_world([0, 50], [0, 0], kinds=[RULE_BASED] * 2))
+        build_env(make_world([0, 50], [0, 0], kinds=[CONSTANT, RULE_BASED]))
 
 
 def test_plain_vehicles_are_read(env):
