@@ -78,7 +78,7 @@ def test_every_figure_in_both_formats(tmp_path, name):
     module.write(data, tmp_path / "a.png")
     module.write(data, tmp_path / "a.svg")
     before = dict(matplotlib.rcParams)
-    with matplotlib.rc_context({"font.size": 20.0, "lines.linewidth": 9.0, "axes.grid": True}):
+    with matplotlib.rc_context({"font.size": 20.0, "text.color": "red", "savefig.dpi": 50}):
         module.write(data, tmp_path / "b.svg")
     assert dict(matplotlib.rcParams) == before
     image = Image.open(tmp_path / "a.png")
