@@ -11,11 +11,13 @@ from typing import IO, Annotated, Any
 from lanewise import config
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.train import SEEDS
+from lanewise.config import Settings
 from lanewise.errors import RunError
 from lanewise.evaluation import grid as grids
 from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
 from lanewise.progress import Progress
 from lanewise.ranges import Between
+from lanewise.runs import shelf
 from lanewise.runs.files import write_atomically
 from lanewise.runs.folder import RunFolder
 from lanewise.scenario.settings import EgoSpeed, FrontDistance, Lanes, SideDistance, TrapSpeed
@@ -80,11 +82,8 @@ def run(parsed: Parsed[Sweep]) -> int:
     """Tests and draws; returns the exit code."""
     command = parsed.command
     grid = Grid(**{axis.name: getattr(command, axis.name) for axis in fields(Grid)})
-    folder = RunFolder.open(command.run)
-    grids.check(grid)
-    for axis, setting in grids.SETTINGS.items():
-        for value in getattr(grid, axis):
-            config.replace(folder.settings, {setting: value})
+    folder = RunFolder.open(shelf.locate(command.run))
+    _check(grid, folder.settings)
     from lanewise.report import extras
 
     extras.check()
@@ -98,6 +97,20 @@ def run(parsed: Parsed[Sweep]) -> int:
         _work(command, grid, controller, journal, reporter)
     _report(command, grid, folder, journal)
     return 0
+
+
+def _check(grid: Grid, settings: Settings) -> None:
+    """Refuses an axis that names a value twice, and starts that no run could have.
+
+    Raises:
+        SettingsError: says which.
+    """
+    grids.check(grid)
+    # With the most vehicles behind: whether they fit depends on the spacing.
+    crowded = {grids.SETTINGS["vehicles_behind"]: max(grid.vehicles_behind)}
+    for axis, setting in grids.SETTINGS.items():
+        for value in getattr(grid, axis):
+            config.replace(settings, crowded | {setting: value})
 
 
 def _work(
