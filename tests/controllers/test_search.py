@@ -35,16 +35,15 @@ def replayed(decisions, world, sequence):
     return jnp.sum(rewards), jnp.any(ended)
 
 
-@pytest.mark.parametrize("front", [15.62, 7.2])
-def test_three_decisions_against_all_729_sequences(front):
+def test_three_decisions_against_all_729_sequences():
     """At 7.2 m behind a car at 8 m/s many sequences end in a collision."""
-    scenario = replace(EMPTY, test_front_distance=front, trap_speed=8.0)
+    scenario = replace(EMPTY, test_front_distance=7.2, trap_speed=8.0, lanes=2)
     world = trap.sample(scenario, jax.random.key(0), "test")
     every = jnp.asarray(list(product(range(9), repeat=3)), jnp.int32)
     totals, ended = jax.vmap(partial(replayed, 3, world))(every)
-    assert ended.any()
+    assert 100 < int(ended.sum()) < 729
     best = np.asarray(jnp.where(ended, -np.inf, totals)).max()
-    settings = Search(DRIVING, SearchSettings(per_class=1000), 3)
+    settings = Search(DRIVING, SearchSettings(per_class=30), 3)
     found = jax.jit(search.plan, static_argnums=0)(settings, world)
     reward, accident = replayed(3, world, found)
     assert not accident
