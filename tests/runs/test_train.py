@@ -85,7 +85,7 @@ def save_every_chunk(monkeypatch):
     monkeypatch.setattr(train, "INTERVAL", 0.0)
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(autouse=True, scope="module")
 def hears_ctrl_c():
     """Whoever started the tests in the background may have told them to ignore it."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
