@@ -1,0 +1,58 @@
+"""Take a finished run into the package as a pretrained controller, with where it comes from.
+
+    python docs/make_pretrained.py RUN NAME
+
+Copies the run's settings and weights, not its metrics, and writes `provenance.json`: the training
+seed, the validation figures by which its weights were chosen, its tests where the run folder has
+them, versions, machine and date.
+"""
+
+import json
+import shutil
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from lanewise.report.report import machine, versions
+from lanewise.runs import metrics, shelf, trained
+
+KEPT = ("run.json", "settings.toml", "controller.json", "controller.safetensors")
+
+
+def main() -> None:
+    """Copy the run and write its provenance."""
+    run, name = Path(sys.argv[1]), sys.argv[2]
+    controller = trained.load(run)
+    target = shelf.PRETRAINED / name
+    target.mkdir(parents=True, exist_ok=True)
+    for file in KEPT:
+        shutil.copyfile(run / file, target / file)
+    story = {
+        "controller": controller.name,
+        "seed": controller.seed,
+        "training": json.loads((run / "run.json").read_text()),
+        "validation": chosen_by(run),
+        "tests": {path.stem: json.loads(path.read_text()) for path in run.glob("tests/*.json")},
+        "versions": versions(),
+        "machine": machine(),
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+    (target / "provenance.json").write_text(json.dumps(story, indent=1) + "\n")
+    size = sum(path.stat().st_size for path in target.iterdir()) / 1e6
+    sys.stdout.write(f"{target}: {size:.1f} MB\n")
+
+
+def chosen_by(run: Path) -> dict[str, Any]:
+    """The validation figures of the weights each stage kept, by stage."""
+    found = {}
+    for line in metrics.read(run / "metrics.jsonl"):
+        if line["kind"] == "chunk" and line.get("best_chunk") == line["chunk"]:
+            found[line["stage"]] = {
+                name: value for name, value in line.items() if name.startswith("validation")
+            }
+    return found
+
+
+if __name__ == "__main__":
+    main()
