@@ -82,9 +82,11 @@ def run(parsed: Parsed[Sweep]) -> int:
     grid = Grid(**{axis.name: getattr(command, axis.name) for axis in fields(Grid)})
     folder = RunFolder.open(command.run)
     grids.check(grid)
+    # With as much traffic as any start has, for some values are wrong only beside others.
+    fullest = {grids.SETTINGS["vehicles_behind"]: max(grid.vehicles_behind)}
     for axis, setting in grids.SETTINGS.items():
         for value in getattr(grid, axis):
-            config.replace(folder.settings, {setting: value})
+            config.replace(folder.settings, fullest | {setting: value})
     from lanewise.report import extras
 
     extras.check()
