@@ -160,7 +160,7 @@ def test_sweep_writes_a_map_and_continues_an_interrupted_one(run, tmp_path, caps
 def test_sweep_refuses_before_it_works(run, tmp_path, capsys):
     for changes, hint in (
         ({"front_distance": "15 5"}, "more than a car length (5.0 m), got 5.0"),
-        ({"spacing": "8", "vehicles_behind": "3"}, "more than a car length"),
+        ({"spacing": "25 8", "vehicles_behind": "0 2"}, "more than a car length"),
         ({"lanes": "3 3"}, "--lanes: 3 is given twice"),
     ):
         assert main(sweep_words(run, tmp_path / "map", **changes)) == 2

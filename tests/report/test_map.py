@@ -46,11 +46,21 @@ def test_every_field_shows_its_share_of_winnable_starts():
             assert len(hatched) == 2
 
 
+def test_the_key_names_what_occurs():
+    def key(grid):
+        legend = maps.draw(sweep_of(grid).cells, View()).legends[0]
+        return [text.get_text() for text in legend.get_texts()]
+
+    assert key(SMALL) == ["some cannot be won (winnable/all)", "none can be won"]
+    assert key(Grid((13.0,), (9.0,), (3,))) == ["some cannot be won (winnable/all)"]
+    assert key(Grid((13.0,), (8.0, 10.0), (3,))) == ["none can be won"]
+
+
 def test_nothing_is_hatched_where_all_can_be_won():
     sweep = sweep_of(Grid((8.0, 9.0), (9.0,), (3,), (14.8,), (4.06,)))
     figure = maps.draw(sweep.cells, View())
     assert not any(patch.get_hatch() for axes in figure.axes for patch in axes.patches)
-    assert not figure.legends[0].get_texts() if figure.legends else True
+    assert not figure.legends
 
 
 def test_bright_is_good_in_both_rows():

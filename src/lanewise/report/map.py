@@ -109,22 +109,28 @@ def draw(cells: Sequence[Cell], view: View) -> Figure:
         figure.colorbar(scale, ax=list(panels[row]), label=label, aspect=14, pad=0.02)
     for axes in panels[1]:
         axes.set_xlabel(LABELS[view.x][0])
-    figure.legend(handles=_key(cells), loc="outside lower center", ncols=2, frameon=False)
+    key = _key(cells, view)
+    if key:
+        figure.legend(handles=key, loc="outside lower center", ncols=2, frameon=False)
     return figure
 
 
-def _key(cells: Sequence[Cell]) -> list[Patch]:
+def _key(cells: Sequence[Cell], view: View) -> list[Patch]:
     """What hatching means, as far as it occurs."""
-    if all(cell.reach.winnable for cell in cells):
-        return []
-    return [
-        Patch(
-            facecolor="white",
-            edgecolor="0.3",
-            hatch=HATCH,
-            label="some cannot be won (winnable/all)",
+    fields = fold(cells, view.panel, view.x, view.y).values()
+    winnable = [(pool(own, "winnable").starts, len(own)) for own in fields]
+    kinds = (
+        (
+            any(0 < won < all_ for won, all_ in winnable),
+            "white",
+            "some cannot be won (winnable/all)",
         ),
-        Patch(facecolor=UNWINNABLE, edgecolor="0.3", hatch=HATCH, label="none can be won"),
+        (any(won == 0 for won, _ in winnable), UNWINNABLE, "none can be won"),
+    )
+    return [
+        Patch(facecolor=colour, edgecolor="0.3", hatch=HATCH, label=label)
+        for occurs, colour, label in kinds
+        if occurs
     ]
 
 
