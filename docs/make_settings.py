@@ -13,9 +13,9 @@ from typing import Any, get_type_hints
 
 from lanewise import config
 from lanewise.commands import docstrings
-from lanewise.config import PRESETS, TRAPS, Settings
 from lanewise.experiments import readings
 from lanewise.ranges import Kind
+from lanewise.settings import PRESETS, TRAPS, Settings
 
 DOCS = Path(__file__).parent
 PAGES = (DOCS.parent / "README.md", *sorted(DOCS.glob("*.md")))

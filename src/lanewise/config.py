@@ -1,114 +1,21 @@
-"""Composes the settings of all parts: presets, TOML files, cross-checks. Imports no JAX."""
+"""Composes settings: defaults, presets, TOML files and flags, all checked. Imports no JAX."""
 
 import dataclasses
 import hashlib
 import json
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from lanewise.controllers.settings import GoalSettings, PlannerSettings, SearchSettings
-from lanewise.driving.settings import DrivingSettings
+from lanewise import crosschecks
 from lanewise.errors import SettingsError
-from lanewise.evaluation.settings import EvaluationSettings
-from lanewise.learning.settings import LearnerSettings
 from lanewise.names import look_up, nearest
-from lanewise.ranges import Between, Kind, show
-from lanewise.scenario.settings import TrapSettings
-from lanewise.training.settings import (
-    BudgetSettings,
-    HDQNSettings,
-    LevelSettings,
-    SingleLevelSettings,
-    StageSettings,
-)
-from lanewise.world.settings import CAR_LENGTH
+from lanewise.ranges import Kind, show
+from lanewise.settings import PRESETS, TRAPS, Settings
 
 _LARGEST_FILE = 1_000_000
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Every setting of a run."""
-
-    scenario: TrapSettings = field(default_factory=TrapSettings)
-    """Who stands where at the start, and who drives how."""
-    driving: DrivingSettings = field(default_factory=DrivingSettings)
-    """The decision process around the ego."""
-    goals: GoalSettings = field(default_factory=GoalSettings)
-    """What the high level may ask for."""
-    planner: PlannerSettings = field(default_factory=PlannerSettings)
-    """The rule-based planner of step 1."""
-    search: SearchSettings = field(default_factory=SearchSettings)
-    """The search over the nine actions, a reference."""
-    evaluation: EvaluationSettings = field(default_factory=EvaluationSettings)
-    """How controllers are tested, and how weights are chosen."""
-    single_level: SingleLevelSettings = field(
-        default_factory=lambda: SingleLevelSettings(
-            decisions=360_000, learner=LearnerSettings(learning_rate_decay=45_000)
-        )
-    )
-    """Training of the single-level controller, with the budget of both steps together."""
-    high_level: StageSettings = field(
-        default_factory=lambda: StageSettings(learner=LearnerSettings(learning_rate_decay=15_000))
-    )
-    """Step 1: training of the high level above the planner."""
-    low_level: StageSettings = field(
-        default_factory=lambda: StageSettings(
-            decisions=240_000,
-            duration=60,
-            tracking_weight=1.0,
-            learner=LearnerSettings(learning_rate_decay=30_000),
-        )
-    )
-    """Step 2: training of the low level below the frozen high level."""
-    h_dqn: HDQNSettings = field(
-        default_factory=lambda: HDQNSettings(
-            decisions=360_000,
-            high_level=LevelSettings(learner=LearnerSettings(learning_rate_decay=45_000)),
-            low_level=LevelSettings(
-                external_weight=0.0,
-                goal_reward=1.0,
-                goal_end="terminal",
-                learner=LearnerSettings(learning_rate_decay=45_000),
-            ),
-        )
-    )
-    """h-DQN: both levels together, with the budget of both steps."""
-
-
-STAGES = ("single_level", "high_level", "low_level")
-
-_PAPER_BUDGET: dict[str, object] = {"decisions": 0, "duration": 250}
-_PAPER_LEVEL: dict[str, object] = {
-    "exploration.start": 0.5,
-    "exploration.end": 0.02,
-    "exploration.steps": 1000,
-    "learner.learning_rate_decay": 0,
-}
-
-
-def _under(names: tuple[str, ...], values: Mapping[str, object]) -> dict[str, object]:
-    return {f"{name}.{leaf}": value for name in names for leaf, value in values.items()}
-
-
-PRESETS: dict[str, dict[str, object]] = {
-    "quick": {},
-    "paper": _under((*STAGES, "h_dqn"), _PAPER_BUDGET)
-    | _under((*STAGES, "h_dqn.high_level", "h_dqn.low_level"), _PAPER_LEVEL)
-    | _under(("single_level", "low_level", "h_dqn"), {"episodes": 2000, "keep": "last"})
-    | _under(("high_level",), {"episodes": 1000, "keep": "best-training"}),
-}
-"""Training presets: what each changes in the defaults."""
-
-TRAPS: dict[str, dict[str, object]] = {
-    "trap-10": {},
-    "trap-10.9": {"scenario.trap_speed": 10.9},
-}
-"""Scenario presets: what each changes in the defaults."""
 
 
 def compose(
@@ -202,95 +109,7 @@ def validate(settings: Settings) -> None:
     known = kinds()
     for name, value in flatten(settings).items():
         known[name].check(name, value)
-    _check_scenario(settings)
-    _check_driving(settings)
-    for stage in STAGES:
-        part = getattr(settings, stage)
-        _check_budget(stage, part)
-        _check_level(stage, part, part)
-    _check_budget("h_dqn", settings.h_dqn)
-    for level in ("high_level", "low_level"):
-        _check_level(f"h_dqn.{level}", settings.h_dqn, getattr(settings.h_dqn, level))
-
-
-_TRAINING_RANGES = (
-    "training_ego_speed",
-    "training_trap_speed",
-    "training_lanes",
-    "training_front_distance",
-    "training_side_distance",
-)
-
-
-def _check_scenario(settings: Settings) -> None:
-    trap, traffic = settings.scenario, settings.scenario.traffic
-    for name in _TRAINING_RANGES:
-        between = getattr(trap, name)
-        if between and between[0] > between[1]:
-            raise SettingsError(
-                f"scenario.{name}: {show(between[0])} must not exceed {show(between[1])}"
-            )
-    _apart("scenario.training_front_distance", trap.training_front_distance[0])
-    _apart("scenario.test_front_distance", trap.test_front_distance)
-    nearest_gap = traffic.spacing - traffic.spacing_jitter
-    if traffic.vehicles_ahead + traffic.vehicles_behind > 1:
-        _apart("scenario.traffic.spacing minus scenario.traffic.spacing_jitter", nearest_gap)
-    if traffic.vehicles_ahead:
-        _apart("scenario.traffic.first_gap", traffic.first_gap)
-    if traffic.vehicles_behind:
-        _apart("scenario.traffic.gap_behind", traffic.gap_behind)
-
-
-def _apart(name: str, distance: float) -> None:
-    # Distances are centre to centre.
-    if distance <= CAR_LENGTH:
-        raise SettingsError(
-            f"{name} must be more than a car length ({show(CAR_LENGTH)} m), got {show(distance)}"
-        )
-
-
-def _check_driving(settings: Settings) -> None:
-    driving, goals = settings.driving, settings.goals
-    _at_most(
-        ("driving.decision_frequency", driving.decision_frequency),
-        ("driving.simulation_frequency", driving.simulation_frequency),
-    )
-    _at_most(
-        ("goals.lowest_speed", goals.lowest_speed), ("goals.highest_speed", goals.highest_speed)
-    )
-    slowest = {"ego_speed": settings.scenario.ego_speed}
-    if settings.scenario.training_ego_speed:
-        slowest["training_ego_speed"] = settings.scenario.training_ego_speed[0]
-    for name, speed in slowest.items():
-        if speed <= driving.stopped_speed:
-            raise SettingsError(
-                f"scenario.{name} must be more than driving.stopped_speed "
-                f"({show(driving.stopped_speed)}), got {show(speed)}"
-            )
-
-
-def _check_budget(stage: str, budget: BudgetSettings) -> None:
-    if budget.episodes == 0 and budget.decisions == 0:
-        raise SettingsError(
-            f"{stage}.episodes and {stage}.decisions are both 0: training would never end"
-        )
-
-
-def _check_level(name: str, budget: BudgetSettings, level: LevelSettings) -> None:
-    learner = f"{name}.learner"
-    capacity = (f"{learner}.replay_capacity", level.learner.replay_capacity)
-    _at_most((f"{learner}.batch_size", level.learner.batch_size), capacity)
-    _at_most((f"{learner}.warm_up", level.learner.warm_up), capacity)
-    _at_most((f"{name.split('.')[0]}.worlds", budget.worlds), capacity)
-    for width in level.learner.hidden:
-        Kind(int, None, Between(1, 65_536)).check(f"{learner}.hidden", width)
-
-
-def _at_most(lower: tuple[str, float], upper: tuple[str, float]) -> None:
-    if lower[1] > upper[1]:
-        raise SettingsError(
-            f"{lower[0]} must be at most {upper[0]} ({show(upper[1])}), got {show(lower[1])}"
-        )
+    crosschecks.check(settings)
 
 
 def unknown_setting(name: str) -> str:

@@ -9,8 +9,8 @@ from lanewise import __version__, cli
 from lanewise.cli import main
 from lanewise.commands import compare, train
 from lanewise.commands.arguments import parse
-from lanewise.config import Settings
 from lanewise.runs.folder import RunFolder
+from lanewise.settings import Settings
 
 TRAIN = ["train", "hierarchical", "--out", "run"]
 

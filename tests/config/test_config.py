@@ -5,8 +5,8 @@ import tomllib
 import pytest
 
 from lanewise import config
-from lanewise.config import PRESETS, TRAPS, Settings
 from lanewise.errors import SettingsError
+from lanewise.settings import PRESETS, TRAPS, Settings
 
 
 def refusal(**flags: object) -> str:

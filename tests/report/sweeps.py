@@ -6,6 +6,7 @@ from dataclasses import replace
 from lanewise import config
 from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
 from lanewise.report.sweep import Sweep
+from lanewise.settings import Settings
 
 
 def sweep_of(grid: Grid | None = None, episodes: int = 20, clearance: float = 0.1) -> Sweep:
@@ -27,7 +28,7 @@ def sweep_of(grid: Grid | None = None, episodes: int = 20, clearance: float = 0.
     return Sweep(
         controller="hierarchical",
         training_seed=3,
-        settings=config.flatten(config.Settings()),
+        settings=config.flatten(Settings()),
         grid=grid,
         episodes=episodes,
         seed=1,

@@ -8,7 +8,6 @@ from matplotlib import cbook
 from matplotlib.figure import Figure
 from PIL import Image
 
-from lanewise.config import Settings
 from lanewise.errors import LanewiseError
 from lanewise.report import (
     film_strip,
@@ -21,6 +20,7 @@ from lanewise.report import (
     trap_schematic,
     two_steps,
 )
+from lanewise.settings import Settings
 
 RECORDINGS = {"single-level": make_recording(goals=False), "hierarchical": make_recording()}
 FIGURES = {

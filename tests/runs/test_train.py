@@ -13,6 +13,7 @@ from lanewise.errors import RunError
 from lanewise.progress import Progress
 from lanewise.runs import files, train, trained
 from lanewise.runs.folder import RunFolder
+from lanewise.settings import STAGES
 
 STAGE = {
     "worlds": 2,
@@ -34,7 +35,7 @@ FLAGS = {
     "evaluation.validation_interval": 2,
 }
 for part, values in (
-    *((stage, STAGE) for stage in config.STAGES),
+    *((stage, STAGE) for stage in STAGES),
     *(("h_dqn", BUDGET), ("h_dqn.high_level", LEVEL), ("h_dqn.low_level", LEVEL)),
 ):
     FLAGS |= {f"{part}.{name}": value for name, value in values.items()}

@@ -22,6 +22,7 @@ from lanewise import config
 from lanewise.errors import SettingsError
 from lanewise.names import nearest
 from lanewise.ranges import Kind
+from lanewise.settings import PRESETS
 
 C = TypeVar("C")
 
@@ -101,7 +102,7 @@ def parse(command: type[C], words: Sequence[str]) -> Parsed[C]:
 
 def _training_preset(preset: str) -> str:
     """The preset itself, or the default's name where it is an experiment's, which has its own."""
-    return preset if preset in config.PRESETS else "quick"
+    return preset if preset in PRESETS else "quick"
 
 
 def _collect(command: type, words: Sequence[str]) -> dict[str, Any]:

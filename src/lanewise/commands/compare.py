@@ -13,12 +13,12 @@ from lanewise import config
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.evaluate import WORLDS
 from lanewise.commands.train import SEEDS
-from lanewise.config import Settings
 from lanewise.errors import RunError
 from lanewise.progress import Progress
 from lanewise.ranges import Between, OneOf, show
 from lanewise.runs import shelf
 from lanewise.runs.folder import RunFolder
+from lanewise.settings import Settings
 
 if TYPE_CHECKING:
     from lanewise.evaluation.episodes import Episodes

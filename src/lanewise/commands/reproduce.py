@@ -13,12 +13,12 @@ from typing import Annotated, Any
 from lanewise import config
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.train import SEEDS
-from lanewise.config import TRAPS, Settings
 from lanewise.errors import LanewiseError, RunError
 from lanewise.experiments import experiment as experiments
 from lanewise.experiments.experiment import BUILT_IN, Experiment
 from lanewise.ranges import Between, OneOf
 from lanewise.runs.folder import require_empty
+from lanewise.settings import TRAPS, Settings
 
 
 @dataclass(frozen=True, kw_only=True)

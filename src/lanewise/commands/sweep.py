@@ -11,7 +11,6 @@ from typing import IO, Annotated, Any
 from lanewise import config
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.train import SEEDS
-from lanewise.config import Settings
 from lanewise.errors import RunError
 from lanewise.evaluation import grid as grids
 from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
@@ -21,6 +20,7 @@ from lanewise.runs import shelf
 from lanewise.runs.files import write_atomically
 from lanewise.runs.folder import RunFolder
 from lanewise.scenario.settings import EgoSpeed, FrontDistance, Lanes, SideDistance, TrapSpeed
+from lanewise.settings import Settings
 
 JOURNAL = "progress.jsonl"
 """What is done so far, in the output folder until all is."""

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated
 
 from lanewise.commands.arguments import Parsed
-from lanewise.config import PRESETS, TRAPS, Settings
 from lanewise.errors import RunError
 from lanewise.progress import Progress
 from lanewise.ranges import Between, OneOf
 from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1, RunFolder
+from lanewise.settings import PRESETS, TRAPS, Settings
 
 SEEDS = Between(0, 2**31 - 1)
 

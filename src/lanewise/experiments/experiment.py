@@ -27,11 +27,11 @@ from pathlib import Path
 from typing import Any
 
 from lanewise import config
-from lanewise.config import PRESETS, Settings
 from lanewise.controllers.settings import REFERENCES
 from lanewise.errors import SettingsError
 from lanewise.names import look_up, nearest
 from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1
+from lanewise.settings import PRESETS, Settings
 
 BUILT_IN = ("quick", "standard", "paper")
 """Experiments that come with the package, each a file beside this one."""

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lanewise.config import Settings
 from lanewise.errors import RunError
 from lanewise.evaluation import metrics
 from lanewise.evaluation.episodes import Episodes
@@ -18,6 +17,7 @@ from lanewise.runs.files import write_atomically
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.train import train
 from lanewise.runs.trained import Trained
+from lanewise.settings import Settings
 
 TESTS = "tests"
 """Folder of a run that holds its tests."""

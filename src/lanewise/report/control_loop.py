@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isclose, pi
 
-from lanewise.config import Settings
 from lanewise.controllers import goals
 from lanewise.controllers.settings import GoalSettings
 from lanewise.driving import actions, observation
@@ -13,6 +12,7 @@ from lanewise.report.diagram import Box, Kind
 from lanewise.report.dimensions import number
 from lanewise.report.extras import needed_for
 from lanewise.report.style import MINUS, TIMES
+from lanewise.settings import Settings
 
 with needed_for("a schematic"):
     from matplotlib.axes import Axes

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from lanewise.config import Settings
 from lanewise.controllers import goals
 from lanewise.report import control_loop, diagram, style
 from lanewise.report.control_loop import Loop, Part
@@ -10,6 +9,7 @@ from lanewise.report.diagram import Kind
 from lanewise.report.dimensions import number
 from lanewise.report.extras import needed_for
 from lanewise.report.style import MINUS, TIMES
+from lanewise.settings import Settings
 from lanewise.training.settings import StageSettings
 
 with needed_for("the schematic of two-step training"):

@@ -25,10 +25,10 @@ from types import TracebackType
 from typing import IO, Any
 
 from lanewise import __version__, config
-from lanewise.config import Settings
 from lanewise.errors import RunError, SettingsError
 from lanewise.ranges import show
 from lanewise.runs.files import PARTIAL, write_atomically
+from lanewise.settings import Settings
 
 FORMAT = "lanewise-run"
 VERSION = 2

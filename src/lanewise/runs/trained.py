@@ -7,12 +7,12 @@ from typing import Any
 import jax
 
 from lanewise import __version__
-from lanewise.config import Settings
 from lanewise.controllers.controller import Parameters
 from lanewise.errors import RunError
 from lanewise.learning import network
 from lanewise.runs import checkpoint, shelf, tree
 from lanewise.runs.folder import RunFolder
+from lanewise.settings import Settings
 from lanewise.training import recipe
 from lanewise.training.recipe import Stage
 
