@@ -70,6 +70,7 @@ def test_an_escape_holds_in_the_real_highway_env(paper):
         env.close()
 
 
+@pytest.mark.slow
 def test_a_hopeless_start_ends_in_an_accident_whatever_is_done():
     """Every sequence of actions, one by one, in the world as a test episode drives it."""
     verdict = reachability.judge(COURSE, HOPELESS)

@@ -38,6 +38,7 @@ def outcomes(course, grid, first=0):
     return [outcome for group in found for outcome in group]
 
 
+@pytest.mark.slow
 def test_a_start_of_a_grid_is_the_test_start_with_those_settings():
     """Padded with lanes and vehicles it lacks, it comes to what its own settings give."""
     grid = Grid((9.5,), (8.5,), (3, 5), (15.0,), (6.0,), (20.0, 30.0), (0, 2))
@@ -84,6 +85,7 @@ def test_more_episodes_than_a_block_belong_to_one_start():
     assert [outcome.episodes for outcome in found] == [6, 6]
 
 
+@pytest.mark.slow
 def test_reach_agrees_with_judging_each_start_alone():
     driving = DrivingSettings()
     grid = Grid((13.0,), (8.0,), (3, 4), (14.8,), (6.61, 7.43))

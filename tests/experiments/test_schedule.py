@@ -79,6 +79,7 @@ def test_none_begins_before_the_one_it_borrows_from(tiny, monkeypatch):
         assert order.index(f"planned, seed {seed}") < order.index(f"hierarchical, seed {seed}")
 
 
+@pytest.mark.slow
 def test_a_whole_tiny_experiment_is_done_once(tiny):
     """Trained, tested, collected; a second run finds nothing to do."""
     found, jobs = tiny

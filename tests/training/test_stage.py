@@ -171,6 +171,7 @@ def test_both_levels_learn_together_each_by_its_own_rules():
         assert (np.abs(rows[:filled]).sum(1) > 0).all()
 
 
+@pytest.mark.slow
 def test_what_pays_the_low_level_does_not_reach_the_high_level_of_a_first_chunk():
     """Before the first update nothing of a level can depend on how the other is paid."""
     states = [
