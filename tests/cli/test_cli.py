@@ -312,3 +312,12 @@ def test_train_hands_over_what_was_asked_for(monkeypatch, inside):
     assert main([*TRAIN, "--resume", "--seed", "0"]) == 0
     assert not calls[1].settings_given
     assert {"resume", "seed"} <= calls[1].given
+
+
+def test_help_says_what_kind_of_value_an_optional_option_takes(capsys):
+    """It said PATH for all of them once."""
+    assert main(["reproduce", "--help"]) == 0
+    output = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "--seeds INT" in output
+    assert "[between 1 and 1000]" in output
+    assert "--settings PATH" in output

@@ -19,7 +19,7 @@ from tyro.constructors import (
 
 from lanewise.commands import docstrings
 from lanewise.commands.arguments import without_none
-from lanewise.ranges import Between, OneOf
+from lanewise.ranges import Between, Kind, OneOf
 
 _MARKERS = (tyro.conf.FlagConversionOff,)
 
@@ -92,7 +92,9 @@ def _annotate(annotation: Any, metadata: Mapping[str, Any]) -> Any:
     if plain is not annotation:
         # tyro would offer a word None, which we do not read: such an option is just left out.
         bound = _bound(plain)
-        metavar = "{" + ",".join(bound.names) + "}" if isinstance(bound, OneOf) else "PATH"
+        metavar = Kind.of(plain).type.__name__.upper()
+        if isinstance(bound, OneOf):
+            metavar = "{" + ",".join(bound.names) + "}"
         return Annotated[annotation, tyro.conf.arg(metavar=metavar)]
     bound = _bound(annotation)
     if isinstance(bound, OneOf):
@@ -124,5 +126,5 @@ def _bound(annotation: Any) -> Between | OneOf | None:
 
 
 def _help(doc: str, annotation: Any) -> str:
-    bound = _bound(annotation)
+    bound = _bound(without_none(annotation))
     return f"{doc} [{bound}]" if isinstance(bound, Between) else doc
