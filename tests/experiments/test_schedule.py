@@ -4,6 +4,7 @@ import io
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 
@@ -11,6 +12,7 @@ from lanewise.errors import RunError
 from lanewise.experiments import experiment, results, schedule, work
 from lanewise.runs import trained
 from lanewise.runs.folder import RunFolder
+from lanewise.training import recipe
 
 TINY = {
     "evaluation.duration": 2,
@@ -122,3 +124,23 @@ def test_other_settings_are_refused_before_any_work(tiny):
     )
     with pytest.raises(RunError, match=r"goals\.time_limit is 3"):
         work.check(changed[2])
+
+
+def test_an_interrupted_run_that_took_over_step_1_goes_on_without_it(tiny, monkeypatch):
+    """It has the step already; asked to take it over again, the training would refuse."""
+    _, jobs = tiny
+    asked = []
+
+    def interrupted(folder, high_level, reporter):
+        asked.append(high_level)
+        shapes = trained.blank_networks(folder, recipe.STEP_1)
+        weights = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
+        if not trained.has_stage(folder, "step-1"):
+            trained.save_stage(folder, recipe.STEP_1, weights, {"metrics_bytes": 0})
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(work, "train", interrupted)
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            work.run(jobs[0], work.Progress(stream=io.StringIO()))
+    assert asked == [jobs[0].high_level, None]

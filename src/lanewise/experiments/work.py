@@ -17,6 +17,7 @@ from lanewise.runs.files import write_atomically
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.train import train
 from lanewise.runs.trained import Trained
+from lanewise.training import recipe
 from lanewise.settings import Settings
 
 TESTS = "tests"
@@ -80,7 +81,9 @@ def run(job: Job, reporter: Progress) -> dict[str, float]:
         with _folder(job) as folder:
             if not trained.is_finished(folder):
                 began = time.monotonic()
-                train(folder, job.high_level, reporter)
+                # A run that was stopped after it took over step 1 has it already.
+                taken = trained.has_stage(folder, recipe.STEP_1.name)
+                train(folder, None if taken else job.high_level, reporter)
                 times[f"train {job.label}"] = time.monotonic() - began
         controller = trained.load(job.path)
     else:
