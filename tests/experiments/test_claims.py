@@ -115,12 +115,6 @@ def test_each_claim_fails_on_its_own_evidence(change, number):
     assert found[number].verdict == "fails", found[number]
 
 
-def test_epsilon_settles_at_its_first_final_value():
-    lines = [{"epsilon": e, "episodes": 10 * i} for i, e in enumerate([0.5, 0.3, 0.02, 0.02])]
-    assert claims.settled_after(lines) == 20
-    assert claims.settled_after([]) == 0
-
-
 def test_no_evidence_no_claims():
     assert claims.ledger([]) == []
     without = claims.ledger([replace(PAPER, explorers=())])

@@ -33,7 +33,7 @@ class Evidence:
     training: Lines
     """Its training episodes, in their order: metrics lines of kind ``episode``."""
     settled: int
-    """Episodes completed when epsilon had come down to its final value."""
+    """Episodes completed when epsilon had come down to its final value; all, if it never did."""
     test: Episodes
     recording: Recording
 
@@ -214,15 +214,6 @@ def measure(line: dict[str, Any], name: str) -> float:
     if name == "reward":
         return float(line["reward"]) / max(1, int(line["decisions"]))
     return float(line[name])
-
-
-def settled_after(lines: Lines) -> int:
-    """Episodes completed when epsilon had reached its final value, from a stage's chunk lines."""
-    if not lines:
-        return 0
-    last = lines[-1]["epsilon"]
-    # An exponential schedule only comes near its end.
-    return next(int(c["episodes"]) for c in lines if c["epsilon"] <= last + 1e-3)
 
 
 def _values(evidence: Evidence, name: str) -> NDArray[np.float64]:

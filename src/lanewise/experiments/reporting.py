@@ -14,7 +14,7 @@ from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.figures import COMPARED, FOLDER, SCHEDULES
 from lanewise.experiments.results import WORLDS, ArmResult, SeedResult
 from lanewise.report import arms as tables
-from lanewise.report import clip, page, report, table
+from lanewise.report import clip, page, report, table, training_curves
 from lanewise.report.curves import write_curves
 from lanewise.report.escape import cell, code
 from lanewise.report.files import write_text
@@ -84,9 +84,10 @@ def _ledger(results: Sequence[ArmResult]) -> list[Claim]:
 
 
 def _evidence(seed: SeedResult) -> Evidence:
+    settled = training_curves.settled_episode(seed.chunks)
     return Evidence(
         training=seed.episodes,
-        settled=claims.settled_after(seed.chunks),
+        settled=len(seed.episodes) if settled is None else int(settled),
         test=seed.tests["lanewise"].episodes,
         recording=seed.record(),
     )

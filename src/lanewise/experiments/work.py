@@ -17,8 +17,8 @@ from lanewise.runs.files import write_atomically
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.train import train
 from lanewise.runs.trained import Trained
-from lanewise.training import recipe
 from lanewise.settings import Settings
+from lanewise.training import recipe
 
 TESTS = "tests"
 """Folder of a run that holds its tests."""
