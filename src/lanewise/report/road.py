@@ -7,10 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from lanewise.report.extras import needed_for
-from lanewise.report.style import Floats, Look
+from lanewise.report.style import WIDTH, Floats, Look
+from lanewise.world.settings import CAR_LENGTH, CAR_WIDTH
 
 with needed_for("a picture of the road"):
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch, Polygon, Rectangle
 
@@ -41,10 +43,37 @@ class Place(NamedTuple):
     """m, positive to the right."""
     heading: float = 0.0
     """rad, positive to the right."""
-    length: float = 5.0
+    length: float = CAR_LENGTH
     """m."""
-    width: float = 2.0
+    width: float = CAR_WIDTH
     """m."""
+
+
+def page(
+    centre: Floats, width: Floats, seen: tuple[float, float], room: tuple[float, float, float]
+) -> tuple[Figure, Axes]:
+    """A figure as wide as a page with a paved road in it, to scale.
+
+    Args:
+        centre: [M] lane centres, m.
+        width: [M] lane widths, m.
+        seen: where the road begins and ends, m.
+        room: inches beside, above and below the road.
+
+    Returns:
+        The figure, and the road's axes in m.
+    """
+    beside, above, below = room
+    paved = float(width.sum()) + 2.0 * SHOULDER
+    tall = (WIDTH - 2.0 * beside) * paved / (seen[1] - seen[0])
+    height = above + tall + below
+    figure = Figure(figsize=(WIDTH, height))
+    axes = figure.add_axes(
+        (beside / WIDTH, below / height, 1.0 - 2.0 * beside / WIDTH, tall / height)
+    )
+    axes.set_xticks([])
+    lanes(axes, centre, width, seen)
+    return figure, axes
 
 
 def lanes(axes: Axes, centre: Floats, width: Floats, seen: tuple[float, float]) -> None:

@@ -50,15 +50,7 @@ def draw(settings: TrapSettings) -> Figure:
     )
     start, end = min(0.0, *ends) - 4.5, max(*ends) + 4.5
     centre, width = (values[:LANES] for values in lane_arrays(settings))
-    paved = float(width.sum()) + 2.0 * road.SHOULDER
-    tall = (style.WIDTH - 2.0 * MARGIN) * paved / (end - start)
-    height = ABOVE + tall + BELOW
-    figure = Figure(figsize=(style.WIDTH, height))
-    axes = figure.add_axes(
-        (MARGIN / style.WIDTH, BELOW / height, 1.0 - 2.0 * MARGIN / style.WIDTH, tall / height)
-    )
-    axes.set_xticks([])
-    road.lanes(axes, centre, width, (start, end))
+    figure, axes = road.page(centre, width, (start, end), (MARGIN, ABOVE, BELOW))
     metre = (style.WIDTH - 2.0 * MARGIN) / (end - start)
     road.vehicle(axes, Place(0.0, centre[0]), 0, "E")
     for car, test, spread in (

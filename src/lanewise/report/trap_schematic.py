@@ -50,15 +50,7 @@ def draw(settings: TrapSettings) -> Figure:
     start = min(0.0, *places, *trap) - 10.0
     end = max(*places, *trap) + 14.0
     centre, width = lane_arrays(settings)
-    paved = float(width.sum()) + 2.0 * road.SHOULDER
-    tall = (style.WIDTH - 2.0 * MARGIN) * paved / (end - start)
-    height = ABOVE + tall + BELOW
-    figure = Figure(figsize=(style.WIDTH, height))
-    axes = figure.add_axes(
-        (MARGIN / style.WIDTH, BELOW / height, 1.0 - 2.0 * MARGIN / style.WIDTH, tall / height)
-    )
-    axes.set_xticks([])
-    road.lanes(axes, centre, width, (start, end))
+    figure, axes = road.page(centre, width, (start, end), (MARGIN, ABOVE, BELOW))
     _vehicles(axes, settings, centre, places)
     _dimensions(axes, settings, centre, places)
     handles = _key(settings)
