@@ -37,11 +37,11 @@ READINGS = {
     "row 14: gamma^k, 0.8 a decision": {"high_level.discount_across_goal": "per-decision"},
     "row 15: exponential epsilon over 1000 steps": EXPONENTIAL,
     "row 21: external reward only": {"low_level.tracking_weight": "0"},
-    "row 22a: goal renewed every timestep in step 2": {"goals.training_renewal": "timestep"},
-    "row 22b: goal renewed every timestep in tests": {"goals.test_renewal": "timestep"},
-    "row 22a+b: every timestep in step 2 and tests": {
-        "goals.training_renewal": "timestep",
-        "goals.test_renewal": "timestep",
+    "row 22a: goal held by the critic in step 2": {"goals.training_renewal": "critic"},
+    "row 22b: goal held by the critic in tests": {"goals.test_renewal": "critic"},
+    "row 22a+b: held by the critic in both": {
+        "goals.training_renewal": "critic",
+        "goals.test_renewal": "critic",
     },
     "row 22c: new goal relative to the current state": {"goals.reference": "current-state"},
 }

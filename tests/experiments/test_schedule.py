@@ -1,8 +1,10 @@
 """Jobs of an experiment: their order, what is skipped, what is left behind."""
 
 import io
+import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -144,3 +146,22 @@ def test_an_interrupted_run_that_took_over_step_1_goes_on_without_it(tiny, monke
         with pytest.raises(KeyboardInterrupt):
             work.run(jobs[0], work.Progress(stream=io.StringIO()))
     assert asked == [jobs[0].high_level, None]
+
+
+def test_processes_share_what_they_compile_and_leave_nothing_behind(monkeypatch):
+    monkeypatch.delenv(schedule.COMPILED, raising=False)
+    monkeypatch.setenv("XLA_FLAGS", "--xla_flag_of_the_user=1")
+    with schedule._environment():
+        shared = Path(os.environ[schedule.COMPILED])
+        assert shared.is_dir()
+        assert os.environ["XLA_FLAGS"] == f"--xla_flag_of_the_user=1 {schedule.ONE_THREAD}"
+    assert not shared.exists()
+    assert schedule.COMPILED not in os.environ
+    assert os.environ["XLA_FLAGS"] == "--xla_flag_of_the_user=1"
+
+
+def test_the_users_own_cache_of_compiled_programs_is_used(monkeypatch, tmp_path):
+    monkeypatch.setenv(schedule.COMPILED, str(tmp_path))
+    with schedule._environment():
+        assert os.environ[schedule.COMPILED] == str(tmp_path)
+    assert tmp_path.exists()

@@ -28,7 +28,7 @@ PAPER = compose(
     preset="paper",
     flags={
         "goals.action_set": "single-5",
-        "goals.test_renewal": "timestep",
+        "goals.test_renewal": "critic",
         "goals.training_renewal": "decision",
         "goals.time_limit": 1000.0,
         "goals.speed_step": 2.5,
@@ -142,7 +142,7 @@ def test_the_framework_says_its_settings():
         "+π/50 rad",
         "at 2 Hz",
         "< 0.3 m, ",
-        "otherwise after 3 s",
+        "otherwise after 1 s",
         "IDM, MOBIL",
     ):
         assert words_of_it in said
@@ -150,7 +150,7 @@ def test_the_framework_says_its_settings():
     assert "26 → 1024 → 1024 → 1024 → 1024 → 1024 → 5" in other
     assert "or speed \N{MINUS SIGN}2.5, 0, +2.5 m/s" in other
     assert "+0.0625 rad" in other
-    assert "otherwise after 1 s" in other
+    assert "otherwise after 1000 s" in other
     assert "MOBIL" not in other
 
 
@@ -158,6 +158,8 @@ def test_the_two_steps_say_their_settings():
     said = text_of(two_steps.draw(Settings()))
     assert "Step 1: the high level learns, 120,000 decisions" in said
     assert "Step 2: the low level learns, 240,000 decisions" in said
+    assert "otherwise after 3 s" in said
+    assert "otherwise after 1 s" in said
     assert "reward \N{MINUS SIGN} ($|\\Delta d|$ / 4 m + $|\\Delta v|$ / 2 m/s)" in said
     other = text_of(two_steps.draw(PAPER))
     assert "the high level learns, 1,000 episodes" in other

@@ -32,10 +32,12 @@ class GoalSettings:
     """What a new goal moves: the previous goal, or the lane and speed of the moment (row 22c)."""
     action_set: Annotated[str, OneOf(("joint-9", "single-5", "joint-6"))] = "joint-9"
     """High-level actions: 3x3 joint, one at a time, or 3 lateral x {slower, faster} (row 12)."""
-    training_renewal: Annotated[str, OneOf(RENEWALS)] = "critic"
-    """When the goal is renewed while the low level learns (row 22a)."""
-    test_renewal: Annotated[str, OneOf(RENEWALS)] = "critic"
-    """When the goal is renewed in tests (row 22b)."""
+    training_renewal: Annotated[str, OneOf(RENEWALS)] = "timestep"
+    """When the goal is renewed in step 2 (row 22a); where a high level learns, the critic holds
+    it."""
+    test_renewal: Annotated[str, OneOf(RENEWALS)] = "timestep"
+    """When the hierarchical controller's goal is renewed in tests (row 22b); the critic holds those
+    of the others."""
 
 
 @dataclass(frozen=True)

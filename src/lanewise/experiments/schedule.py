@@ -3,11 +3,12 @@
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
+from tempfile import TemporaryDirectory
 from typing import TextIO, cast
 
 from lanewise.errors import RunError
@@ -17,6 +18,8 @@ from lanewise.progress import Progress, duration
 
 ONE_THREAD = "--xla_cpu_multi_thread_eigen=false"
 """Each job computes on one core, so that two jobs do not fight for two."""
+COMPILED = "JAX_COMPILATION_CACHE_DIR"
+"""Where JAX keeps compiled programs for other processes."""
 
 Times = dict[str, float]
 
@@ -41,7 +44,7 @@ def run(jobs: Sequence[Job], processes: int, stream: TextIO) -> Times:
     times: Times = {}
     began, count = time.monotonic(), len(left)
     try:
-        with _one_thread_each(), _pool(min(processes, max(1, count))) as pool:
+        with _environment(), _pool(min(processes, max(1, count))) as pool:
             for job, took in _completed(pool, left, processes):
                 times |= took
                 count -= 1
@@ -92,17 +95,31 @@ def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
 
 
 @contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """While processes start: their XLA computes on one thread."""
-    before = os.environ.get("XLA_FLAGS")
-    os.environ["XLA_FLAGS"] = f"{before or ''} {ONE_THREAD}".strip()
+def _environment() -> Iterator[None]:
+    """While processes start: their XLA computes on one thread, and they share what they compile.
+
+    Seeds of one arm run the same programs. The user's own cache of compiled programs is respected.
+    """
+    with TemporaryDirectory(prefix="lanewise-compiled-") as compiled:
+        flags = f"{os.environ.get('XLA_FLAGS', '')} {ONE_THREAD}".strip()
+        cache = os.environ.get(COMPILED, compiled)
+        with _changed_environment({"XLA_FLAGS": flags, COMPILED: cache}):
+            yield
+
+
+@contextmanager
+def _changed_environment(changes: Mapping[str, str]) -> Iterator[None]:
+    """Change environment variables for a while."""
+    before = {name: os.environ.get(name) for name in changes}
+    os.environ.update(changes)
     try:
         yield
     finally:
-        if before is None:
-            del os.environ["XLA_FLAGS"]
-        else:
-            os.environ["XLA_FLAGS"] = before
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 class _Prefixed:

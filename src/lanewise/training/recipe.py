@@ -92,6 +92,9 @@ RECIPES = {
 """The stages of each trainable controller, in order; a later one finds the earlier ones' levels
 frozen."""
 
+HELD = "critic"
+"""When goals are renewed: only once the critic has ended them."""
+
 
 def controller(settings: RecipeSettings, name: str, renewal: str) -> Controller:
     """The controller of a name, with goals renewed as ``renewal`` says."""
@@ -127,7 +130,7 @@ def course(settings: RecipeSettings, stage: Stage) -> Course:
 
     `GoalSettings.training_renewal` speaks of step 2; elsewhere goals are held by the critic.
     """
-    renewal = settings.goals.training_renewal if stage == STEP_2 else "critic"
+    renewal = settings.goals.training_renewal if stage == STEP_2 else HELD
     return Course(
         scenario=settings.scenario,
         driving=settings.driving,
@@ -143,14 +146,19 @@ def validation_course(settings: RecipeSettings, stage: Stage) -> TestCourse:
 
 
 def test_course(settings: RecipeSettings, name: str, renewal: str | None = None) -> TestCourse:
-    """Greedy test episodes of a controller; goals renewed as its test setting says."""
+    """Greedy test episodes of a controller.
+
+    `GoalSettings.test_renewal` speaks of the hierarchical controller; the others keep their goals
+    as long as in their training.
+    """
+    renewal = renewal or (settings.goals.test_renewal if name == "hierarchical" else HELD)
     scenario = settings.scenario
     if name == "rule-based":
         scenario = replace(scenario, ego_driver="rule-based")
     return TestCourse(
         scenario=scenario,
         driving=settings.driving,
-        controller=controller(settings, name, renewal or settings.goals.test_renewal),
+        controller=controller(settings, name, renewal),
         duration=test_duration(settings),
         at_once=1 if name == "search" else BLOCK,
     )
