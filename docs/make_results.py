@@ -8,10 +8,22 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
+from lanewise.evaluation.metrics import Summary
+from lanewise.report import arms as tables
+from lanewise.report.arms import ArmFigures
+
 ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "results"
 BEGIN, END = "<!-- results -->", "<!-- /results -->"
-STORED = ("quick-single-level.json", "quick.json")
+STANDARD = "standard/report.json"
 READINGS, TRAINING, WORLD = "readings.json", "training.json", "world.json"
+WORLDS = {"lanewise": "here", "highway-env": "in the real highway-env"}
+HEADLINE = ("hierarchical", "h-dqn", "single-level", "rule-based", "search")
+"""Arms of the README's table; the others are in `docs/results.md`."""
+PICTURES = {
+    "training": "Training: success, reward and speed over episodes, mean and spread of five seeds",
+    "film-strip": "Both controllers on the same start, second by second",
+}
 COLUMNS = (
     ("accumulated_reward", "reward", 1.0, 2, ""),
     ("average_speed", "speed", 1.0, 2, " m/s"),
@@ -19,10 +31,6 @@ COLUMNS = (
     ("travel_distance", "distance", 1.0, 1, " m"),
     ("accident_rate", "accidents", 100.0, 2, " %"),
 )
-PUBLISHED = {
-    "single-level": (3.32, 10.29, 0.0, 257.29, 0.0),
-    "hierarchical": (13.20, 13.42, 0.9767, 331.60, 0.0233),
-}
 Rows = list[dict[str, Any]]
 
 
@@ -34,19 +42,92 @@ def main() -> None:
 
 def pages() -> dict[Path, str]:
     """What the two files must hold."""
-    stored = [_read(name) for name in STORED]
+    standard = _read(STANDARD)
     readme = ROOT / "README.md"
     head, rest = readme.read_text().split(BEGIN)
     tail = rest.split(END)[1]
-    summary = _summary(stored) + "\n" + _speed(_read(WORLD), _read(TRAINING))
+    summary = _summary(standard) + "\n" + _speed(_read(WORLD), _read(TRAINING))
     return {
         readme: head + BEGIN + "\n\n" + summary + "\n" + END + tail,
-        ROOT / "docs" / "results.md": _details(stored) + _readings(_read(READINGS)),
+        ROOT / "docs" / "results.md": _details(standard) + _readings(_read(READINGS)),
     }
 
 
 def _read(name: str) -> Any:
-    return json.loads((ROOT / "results" / name).read_text())
+    return json.loads((RESULTS / name).read_text())
+
+
+def _figures(report: Any) -> list[ArmFigures]:
+    """The arms of a stored report, as the tables want them."""
+    found = []
+    for arm in report["arms"]:
+        tested = [world for world in WORLDS if all(world in s["tests"] for s in arm["seeds"])]
+        tests = {
+            world: [Summary.from_json(seed["tests"][world]) for seed in arm["seeds"]]
+            for world in tested
+        }
+        seeds = [seed["seed"] for seed in arm["seeds"]]
+        found.append(ArmFigures(arm["title"], arm["controller"], seeds, tests))
+    return found
+
+
+def _summary(report: Any) -> str:
+    """The paper's test table with ours beside it, in both worlds, and two pictures."""
+    names = [arm["name"] for arm in report["arms"]]
+    arms = [
+        figures for name, figures in zip(names, _figures(report), strict=True) if name in HEADLINE
+    ]
+    lines = []
+    for world, title in WORLDS.items():
+        episodes = arms[0].tests[world][0].episodes
+        lines += [
+            f"Test episodes of 25 s {title}, {episodes} each; means over seeds, in parentheses the "
+            "lowest and the highest seed:",
+            "",
+            tables.tests(arms, world),
+        ]
+    lines += [
+        f"All seeds, none left out; made by `{report['command']}` ({report['date'][:10]}) on "
+        f"{report['machine']['cores']} cores of an {report['machine']['processor']}. All "
+        f"{len(names)} arms are in [docs/results.md](docs/results.md), the whole report with its "
+        "figures, every seed and the ledger of the paper's claims in "
+        "[results/standard](results/standard/report.md).",
+        "",
+    ]
+    for name, title in PICTURES.items():
+        lines += [f"![{title}](results/standard/figures/{name}.png)", ""]
+    return "\n".join(lines)
+
+
+def _details(report: Any) -> str:
+    """All arms, both worlds, aggregates over seeds."""
+    arms = _figures(report)
+    reference = next(arm["title"] for arm in report["arms"] if arm["name"] == "hierarchical")
+    hours = sum(seconds for name, seconds in report["times"].items() if name != "everything") / 3600
+    lines = [
+        "# Results",
+        "",
+        "Written by `python docs/make_results.py` from the stored files, not by hand. Weights were",
+        "chosen on validation starts; each controller drove the test starts once. Every seed, the",
+        "figures and the paper's claims are in",
+        "[the report of `standard`](../results/standard/report.md), made by",
+        f"`{report['command']}` ({report['date'][:10]}): {hours:.1f} hours of work, two jobs at a "
+        "time,",
+        f"on {report['machine']['cores']} cores of an {report['machine']['processor']}.",
+    ]
+    for world, title in WORLDS.items():
+        lines += ["", f"## Every arm, {title}", "", tables.tests(arms, world).rstrip()]
+    lines += [
+        "",
+        "## Over seeds",
+        "",
+        "Interquartile means with 95 % bootstrap intervals over seeds and episodes, and the "
+        "probability",
+        f"that an arm's seed beats one of *{reference}*.",
+        "",
+        tables.over_seeds(arms, "lanewise", reference).rstrip(),
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _speed(world: Any, training: Any) -> str:
@@ -90,81 +171,13 @@ def _readings(study: Any) -> str:
         flags = ((name.replace("_", "-"), value) for name, value in rows[0]["changes"].items())
         changes = ", ".join(f"`--{name} {value}`" for name, value in flags)
         seeds = ", ".join(f"{100 * row['lanewise']['success_rate']:.1f}" for row in rows)
-        figures = _line("", [row["lanewise"] for row in rows]).removeprefix("|  |")
-        lines.append(f"| {arm} | {changes} | {seeds} |{figures}")
+        figures = _line([row["lanewise"] for row in rows])
+        lines.append(f"| {arm} | {changes} | {seeds} | {figures} |")
     return "\n".join(lines) + "\n"
 
 
-def _summary(stored: Rows) -> str:
-    """The paper's table with ours beside it, means over seeds."""
-    every = [row for study in stored for row in study["rows"]]
-    lines = [
-        "| " + " | ".join(["test episodes of 25 s", *(c[1] for c in COLUMNS)]) + " |",
-        "|---|" + "---:|" * len(COLUMNS),
-    ]
-    for controller, published in PUBLISHED.items():
-        values = dict(zip((c[0] for c in COLUMNS), published, strict=True))
-        lines.append(_line(f"{controller}, published", [values]))
-        for world, title in (("lanewise", "here"), ("highway_env", "in highway-env")):
-            rows = [r for r in every if r["controller"] == controller and r.get(world)]
-            if rows:
-                seeds = f"{len(rows)} seeds of {rows[0][world]['episodes']}"
-                lines.append(_line(f"{controller}, {title} ({seeds})", [r[world] for r in rows]))
-    made = " and ".join(f"`{study['command']}` ({study['date'][:10]})" for study in stored)
-    machine = stored[-1]["machine"]
-    lines += [
-        "",
-        f"Preset `quick`, all seeds, none left out; made by {made} on {machine['cores']} cores "
-        f"of an {machine['processor']}. Every seed is in [docs/results.md](docs/results.md), "
-        "the stored figures are in `results/`.",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _line(title: str, group: Rows) -> str:
-    cells = [f"{mean(r[k] for r in group) * s:.{d}f}{u}" for k, _, s, d, u in COLUMNS]
-    return f"| {title} | " + " | ".join(cells) + " |"
-
-
-def _details(stored: Rows) -> str:
-    """Every seed by itself."""
-    every = [row for study in stored for row in study["rows"]]
-    lines = [
-        "# Results, seed by seed",
-        "",
-        "Written by `python docs/make_results.py` from `results/quick*.json`, not by hand. Weights",
-        "were chosen on validation starts; each controller drove the test starts once. `same` is",
-        "the share of starts that end alike (success and accident) in both worlds.",
-    ]
-    for controller in PUBLISHED:
-        rows = [r for r in every if r["controller"] == controller]
-        if rows:
-            lines += ["", f"## {controller}", "", *_seed_table(rows)]
-    return "\n".join(lines) + "\n"
-
-
-def _seed_table(rows: Rows) -> list[str]:
-    names = [c[1] for c in COLUMNS]
-    lines = [
-        "| seed | " + " | ".join(names) + " | highway-env: success | accidents | same | training |",
-        "|---:|" + "---:|" * (len(names) + 4),
-    ]
-    for row in sorted(rows, key=lambda r: int(r["seed"])):
-        own = _line(str(row["seed"]), [row["lanewise"]])
-        theirs = row.get("highway_env")
-        if theirs:
-            same = 1 - len(row["differing"]) / theirs["episodes"]
-            shares = (theirs["success_rate"], theirs["accident_rate"], same)
-            beside = " | ".join(f"{100 * share:.1f} %" for share in shares)
-        else:
-            beside = "- | - | -"
-        lines.append(f"{own} {beside} | {row['train_seconds']:.0f} s |")
-    worst = min(rows, key=lambda r: float(r["lanewise"]["success_rate"]))
-    lines += [_line("mean", [r["lanewise"] for r in rows]) + " | | | |"]
-    if worst["controller"] == "hierarchical":
-        share = 100 * worst["lanewise"]["success_rate"]
-        lines += ["", f"The worst seed is {worst['seed']} with {share:.2f} % success."]
-    return lines
+def _line(group: Rows) -> str:
+    return " | ".join(f"{mean(r[k] for r in group) * s:.{d}f}{u}" for k, _, s, d, u in COLUMNS)
 
 
 if __name__ == "__main__":

@@ -59,7 +59,7 @@ class Settings:
                 external_weight=0.0,
                 goal_reward=1.0,
                 goal_end="terminal",
-                learner=LearnerSettings(learning_rate_decay=45_000),
+                learner=LearnerSettings(discount=0.95, learning_rate_decay=45_000),
             ),
         )
     )
