@@ -49,7 +49,13 @@ def main() -> None:
     while not plan.finished(now.ledger):
         now, report = host.advance(plan, frozen, now)
         if "validation_success_rate" in report.chunk:
-            names = ("decisions", "validation_success_rate", "validation_reward", "loss")
+            names = (
+                "decisions",
+                "validation_success_rate",
+                "validation_accident_rate",
+                "validation_reward",
+                "loss",
+            )
             print({name: report.chunk[name] for name in names}, flush=True)
     parameters = host.result(now, plan.course.budget.keep)
     if options.keep:

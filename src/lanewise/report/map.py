@@ -7,14 +7,13 @@ be won a corner is hatched, where none can all of it is.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.grid import Cell, fold, pool
+from lanewise.report import style
 from lanewise.report.extras import needed_for
-from lanewise.report.files import check_suffix, replacing
 
 with needed_for("the map"):
     import matplotlib
@@ -48,13 +47,6 @@ HATCH = "////"
 CORNER = 0.45
 """Size of the hatched corner of a field in which some starts cannot be won."""
 
-_RC: dict[Any, Any] = {
-    "font.size": 9.0,
-    "hatch.linewidth": 0.5,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "lanewise",
-}
-
 
 @dataclass(frozen=True)
 class View:
@@ -79,14 +71,12 @@ def write_map(cells: Sequence[Cell], path: Path | str, view: View | None = None)
     Raises:
         LanewiseError: if there are no cells, or the file cannot be written.
     """
-    suffix = check_suffix(path, (".png", ".svg"))
     if not cells:
         raise LanewiseError("there are no starts to draw")
-    metadata = {"Date": None} if suffix == ".svg" else {"Software": "lanewise"}
-    with matplotlib.rc_context(_RC), replacing(path) as beside:
-        draw(cells, view or View()).savefig(beside, format=suffix[1:], dpi=160, metadata=metadata)
+    style.write(path, lambda: draw(cells, view or View()))
 
 
+@style.look()
 def draw(cells: Sequence[Cell], view: View) -> Figure:
     """The figure of `write_map`."""
     values = {axis: sorted({getattr(c.point, axis) for c in cells}) for axis in LABELS}

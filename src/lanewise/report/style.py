@@ -69,6 +69,7 @@ _RC: dict[Any, Any] = {
     "axes.spines.right": False,
     "axes.grid": False,
     "mathtext.fontset": "dejavusans",
+    "hatch.linewidth": 0.5,
     "svg.fonttype": "none",
     "svg.hashsalt": "lanewise",
 }
