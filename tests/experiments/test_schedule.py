@@ -2,6 +2,9 @@
 
 import io
 import os
+import subprocess
+import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -165,3 +168,31 @@ def test_the_users_own_cache_of_compiled_programs_is_used(monkeypatch, tmp_path)
     with schedule._environment():
         assert os.environ[schedule.COMPILED] == str(tmp_path)
     assert tmp_path.exists()
+
+
+ORPHANS = """
+import os, time
+from lanewise.experiments import schedule
+
+if __name__ == "__main__":
+    with schedule._pool(1) as pool:
+        print(pool.submit(os.getpid).result(), flush=True)
+        pool.submit(time.sleep, 600).result()
+"""
+
+
+def test_when_the_parent_is_killed_its_processes_end(tmp_path):
+    script = tmp_path / "orphans.py"
+    script.write_text(ORPHANS)
+    with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True) as parent:
+        child = int(parent.stdout.readline())
+        os.kill(child, 0)
+        parent.kill()
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline:
+        try:
+            os.kill(child, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.1)
+    pytest.fail("the child outlives its parent")

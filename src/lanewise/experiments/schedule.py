@@ -7,8 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import connection, get_context, parent_process
 from tempfile import TemporaryDirectory
+from threading import Thread
 from typing import TextIO, cast
 
 from lanewise.errors import RunError
@@ -87,11 +88,27 @@ def _work(job: Job, interval: float) -> Times:
 @contextmanager
 def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
     """Processes that begin afresh; after an error or a Ctrl-C nothing new is begun."""
-    pool = ProcessPoolExecutor(processes, get_context("spawn"))
+    pool = ProcessPoolExecutor(processes, get_context("spawn"), initializer=_end_with_parent)
     try:
         yield pool
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _end_with_parent() -> None:
+    """In a process of the pool: end at once when the parent is killed.
+
+    Otherwise it would go on for the rest of its job, unseen, and keep the run folder from whoever
+    starts the experiment again. Run folders bear being stopped at any moment.
+    """
+    parent = parent_process()
+    assert parent is not None, "runs in processes of the pool alone"
+
+    def watch() -> None:
+        connection.wait([parent.sentinel])
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
 
 
 @contextmanager
