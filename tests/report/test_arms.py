@@ -1,5 +1,7 @@
 """Tables of an experiment, read back cell by cell."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -102,3 +104,16 @@ def test_the_terminal_table_is_aligned():
 @pytest.mark.parametrize("make", [arms.tests, arms.text])
 def test_arms_without_a_test_in_that_world_are_left_out(make):
     assert "two levels" not in make([OURS], "highway-env")
+
+
+def test_what_was_run_is_said_arm_by_arm():
+    took = [
+        {"decisions": 1000, "episodes": 10, "updates": 120, "seconds": 60.0},
+        {"decisions": 1000, "episodes": 14, "updates": 130, "seconds": 90.0},
+    ]
+    trained = dataclasses.replace(OURS, effort=took)
+    rows = cells(arms.run([trained, FLAT]))
+    assert rows[1][2:7] == ["1,000", "12", "125", "0.125", "1.2"]
+    # A reference driver was never trained.
+    assert rows[2][2:7] == ["-"] * 5
+    assert rows[1][-1] == "500"

@@ -1,7 +1,7 @@
 """What the report of an experiment has to say, before it is written down."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from lanewise.evaluation import metrics
@@ -62,4 +62,5 @@ def _figures_of(result: ArmResult) -> ArmFigures:
         seeds=[seed.job.seed for seed in result.seeds],
         tests={world: [test.summary for test in result.tests(world)] for world in WORLDS},
         training=[seed.episodes for seed in result.seeds if seed.job.trains],
+        effort=[asdict(seed.effort) for seed in result.seeds if seed.effort is not None],
     )

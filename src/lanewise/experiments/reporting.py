@@ -48,9 +48,8 @@ def write(
         "machine": report.machine(),
     }
     drawn = figures.write(out, results)
-    shown = results[0].seeds[0]
-    clip.render(shown.record(), out / "clip.gif")
-    lines = [line for result in results for line in result.seeds[0].lines]
+    clip.render(_shown(results).seeds[0].record(), out / "clip.gif")
+    lines = [line for result in _in_curves(results) for line in result.seeds[0].lines]
     if chunks := [line for line in lines if line["kind"] == "chunk"]:
         for suffix in figures.SUFFIXES:
             write_curves(chunks, out / f"curves{suffix}")
@@ -60,6 +59,16 @@ def write(
     write_text(out / "report.html", page.render(text, experiment.title, out))
     write_text(out / "report.md", text)
     return out / "report.md", _text(content)
+
+
+def _shown(results: Sequence[ArmResult]) -> ArmResult:
+    """The arm of the clip, of the rows of the reading and of the list of settings."""
+    return next((result for result in results if result.arm.name == COMPARED[-1]), results[0])
+
+
+def _in_curves(results: Sequence[ArmResult]) -> list[ArmResult]:
+    """The arms whose every stage is drawn: the paper's two, else the first."""
+    return [r for r in results if r.arm.name in COMPARED] or [results[0]]
 
 
 def _ledger(results: Sequence[ArmResult]) -> list[Claim]:
@@ -169,40 +178,48 @@ def _figure_part(content: Content) -> list[str]:
     for figure in content.drawn:
         parts.append(f"![{cell(figure.caption)}]({FOLDER}/{figure.name}.png)")
         parts.append(f"*{cell(figure.caption)}*")
-    first = content.results[0]
-    if any(seed.chunks for result in content.results for seed in result.seeds[:1]):
+    if any(result.seeds[0].chunks for result in _in_curves(content.results)):
         parts += [
             "![Success, reward and speed while training](curves.png)",
             "*Every stage of the first seeds over its decisions*",
         ]
-    name = cell(first.arm.title)
+    name = cell(_shown(content.results).arm.title)
     return [*parts, f"![The road from above: {name}](clip.gif)", f"*One test episode: {name}*"]
 
 
 def _reading_part(content: Content) -> list[str]:
     """The rows of the reading, with the settings of the hierarchical arm or the first."""
-    arms = {result.arm.name: result for result in content.results}
-    shown = arms.get("hierarchical", content.results[0]).seeds[0].job.settings
+    shown = _shown(content.results).seeds[0].job.settings
     return ["## What the paper leaves open, row by row", readings.table(config.flatten(shown))]
 
 
 def _origin_part(content: Content) -> list[str]:
     made = content.made
-    parts = ["## How it was made", report.listing({**made["versions"], **made["machine"]})]
-    parts += [
-        report.listing({part: f"{took:.1f} s" for part, took in content.times.items()})
-        if content.times
-        else ""
+    took = content.times.get("everything")
+    settings = config.flatten(_shown(content.results).seeds[0].job.settings)
+    title = cell(_shown(content.results).arm.title)
+    return [
+        "## How it was made",
+        report.listing({**made["versions"], **made["machine"]}),
+        "" if took is None else f"The last call of the command took {took:.1f} s.",
+        "### What was run",
+        "Means over seeds. A training's time includes compilation and whatever shared the machine; "
+        "an arm that takes over the step 1 of another has step 2 alone to show.",
+        tables.run(content.figures),
+        "### Settings of the arms",
+        _changes(content),
+        f"## Settings: {title}",
+        report.listing(settings),
     ]
-    lines = ["| arm | seeds | settings that differ from preset " + content.experiment.preset + " |"]
-    lines.append("|---|---|---|")
+
+
+def _changes(content: Content) -> str:
+    """What each arm changes."""
+    lines = [f"| arm | settings that differ from preset {content.experiment.preset} |", "|---|---|"]
     for result in content.results:
-        seeds = ", ".join(str(seed.job.seed) for seed in result.seeds)
         changes = ", ".join(code(f"{k} = {v}") for k, v in result.arm.changes.items())
-        lines.append(f"| {cell(result.arm.title)} | {seeds} | {changes} |")
-    settings = config.flatten(content.results[0].seeds[0].job.settings)
-    title = cell(content.results[0].arm.title)
-    return [*parts, "\n".join(lines), f"## Settings: {title}", report.listing(settings)]
+        lines.append(f"| {cell(result.arm.title)} | {changes} |")
+    return "\n".join(lines)
 
 
 def _pairs(paired: Mapping[str, Sequence[Paired]]) -> str:

@@ -17,6 +17,19 @@ WORLDS = ("lanewise", "highway-env")
 
 
 @dataclass(frozen=True)
+class Effort:
+    """What a training took, over all its stages; what was taken over is not part of it."""
+
+    decisions: int
+    episodes: int
+    """Completed ones."""
+    updates: int
+    """Of the learners; where two levels learn, of each."""
+    seconds: float
+    """Wall time, compilation included."""
+
+
+@dataclass(frozen=True)
 class SeedResult:
     """One finished job."""
 
@@ -42,6 +55,21 @@ class SeedResult:
     def _of_last_stage(self, kind: str) -> list[dict[str, Any]]:
         stage = self.lines[-1]["stage"] if self.lines else ""
         return [line for line in self.lines if line["kind"] == kind and line["stage"] == stage]
+
+    @property
+    def effort(self) -> Effort | None:
+        """What its training took; None for a reference driver."""
+        if not self.job.trains:
+            return None
+        # The last chunk of a stage counts all of the stage.
+        last = {line["stage"]: line for line in self.lines if line["kind"] == "chunk"}
+        times = metrics.read(self.job.path / "timings.jsonl")
+        return Effort(
+            decisions=sum(chunk["decisions"] for chunk in last.values()),
+            episodes=sum(chunk["episodes"] for chunk in last.values()),
+            updates=sum(chunk["updates"] for chunk in last.values()),
+            seconds=sum(line["seconds"] for line in times),
+        )
 
     @property
     def controller(self) -> Trained:

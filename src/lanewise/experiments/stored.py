@@ -1,6 +1,7 @@
 """The report of an experiment as JSON: every seed of every arm, with all its settings."""
 
 import json
+from dataclasses import asdict
 from typing import Any
 
 from lanewise import config
@@ -51,6 +52,8 @@ def _seed_json(seed: SeedResult) -> dict[str, Any]:
     return {
         "seed": seed.job.seed,
         "tests": tests,
+        "test_seconds": {world: test.seconds for world, test in seed.tests.items()},
         "paired": None if pair is None else pair.to_json(),
         "training": last,
+        "effort": None if seed.effort is None else asdict(seed.effort),
     }

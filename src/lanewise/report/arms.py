@@ -31,6 +31,9 @@ TRAINING = (
 )
 """Measures of a training episode: column of the metrics, title, factor, digits."""
 
+EFFORT = ("decisions", "episodes", "updates", "seconds")
+"""What a training took, over all its stages."""
+
 Rows = Sequence[Mapping[str, Any]]
 
 
@@ -48,6 +51,8 @@ class ArmFigures:
     """By world, one a seed."""
     training: Sequence[Rows] = field(default=())
     """Training episodes of the last stage, one list a seed; none for a reference driver."""
+    effort: Rows = field(default=())
+    """What each seed's training took: ``decisions``, ``episodes``, ``updates``, ``seconds``."""
 
     def values(self, world: str, metric: str) -> list[float]:
         """A metric of every seed."""
@@ -138,6 +143,26 @@ def training(arms: Sequence[ArmFigures]) -> str:
         ]
         rows.append([cell(arm.title), str(len(arm.training)), *cells])
     return _markdown(heads, rows)
+
+
+def run(arms: Sequence[ArmFigures]) -> str:
+    """What was run: means over seeds of what the trainings took, and the tests."""
+    heads = ["arm", "seeds", "decisions", "episodes", "updates", "updates a decision", "minutes"]
+    rows = []
+    for arm in arms:
+        cells = ["-"] * 5
+        if arm.effort:
+            decisions, episodes, updates, seconds = (
+                float(np.mean([each[name] for each in arm.effort])) for name in EFFORT
+            )
+            cells = [f"{value:,.0f}" for value in (decisions, episodes, updates)]
+            share = f"{updates / decisions:.3f}" if decisions else "-"
+            cells += [share, f"{seconds / 60:.1f}"]
+        tested = (sum(s.episodes for s in summaries) for summaries in arm.tests.values())
+        numbers = ", ".join(map(str, arm.seeds))
+        rows.append([cell(arm.title), numbers, *cells, " + ".join(map(str, tested))])
+    worlds = list(dict.fromkeys(world for arm in arms for world in arm.tests))
+    return _markdown([*heads, f"test episodes in {' + '.join(map(cell, worlds))}"], rows)
 
 
 def last_mean(rows: Rows, name: str) -> float:
