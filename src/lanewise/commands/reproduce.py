@@ -26,6 +26,7 @@ class Reproduce:
     """Run an experiment of the paper: train its arms, test them, report.
 
     The same command in the same folder continues what was interrupted and skips what is done.
+    "Row N" is that of the table in docs/paper.md.
     """
 
     out: Path

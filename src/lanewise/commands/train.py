@@ -20,7 +20,8 @@ class Train:
     """Train a controller into a run folder, or continue a run that was stopped.
 
     Settings come from the defaults, the preset, the trap, the settings file and the command
-    line; the later wins.
+    line; the later wins. Defaults are those of preset quick; "row N" is that of the table in
+    docs/paper.md.
     """
 
     controller: Annotated[str, OneOf(CONTROLLERS)] = field(metadata={"positional": True})

@@ -135,7 +135,7 @@ METRICS = (
         "goal_time_out_rate",
         "time-outs",
         "",
-        "share of the goals that ended by being given up",
+        "share of the goals that ended by being given up; 0 where they are renewed before that",
         _goal_time_out_rate,
         rate=True,
     ),

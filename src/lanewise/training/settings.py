@@ -42,12 +42,12 @@ class LevelSettings:
     """Weight of the external reward, accidents included; 0 for a level that is paid by its goals
     alone."""
     tracking_weight: Annotated[float, Between(0.0, 1000.0)] = 0.0
-    """Row 21: weight w of the goal-tracking term -w (|dd|/4 m + |dv|/2 m/s) of the low level;
-    0 is the paper's external reward only."""
+    """Row 21: weight w of the goal-tracking term -w (|dd|/4 m + |dv|/2 m/s), meant for the low
+    level; 0 is the paper's external reward only."""
     goal_reward: Annotated[float, Between(0.0, 1000.0)] = 0.0
-    """Intrinsic reward of the low level in the decision that reaches its goal (h-DQN)."""
+    """Reward for the decision that reaches the goal (h-DQN), meant for the low level."""
     goal_end: Annotated[str, OneOf(("bootstrap", "terminal"))] = "bootstrap"
-    """What a reached goal is to the low level: a step like any other, or an end (h-DQN)."""
+    """What a reached goal is to the level below it: a step like any other, or an end (h-DQN)."""
     exploration: ExplorationSettings = field(default_factory=ExplorationSettings)
     """Exploration."""
     learner: LearnerSettings = field(default_factory=LearnerSettings)
