@@ -107,4 +107,6 @@ def _how_to_resume(words: list[str]) -> str:
         return ""
     command: train.Train = parse(train.Train, words[1:]).command
     again = ["lanewise", "train", command.controller, "--out", str(command.out)]
+    if command.high_level is not None and not (command.out / "stages").exists():
+        again += ["--high-level", str(command.high_level)]  # not taken over yet
     return f"; continue with:\n  {shlex.join([*again, '--resume'])}"

@@ -1,5 +1,7 @@
 """Checks settings against one another; each by itself is checked by its range. Imports no JAX."""
 
+from dataclasses import replace
+
 from lanewise.errors import SettingsError
 from lanewise.ranges import Between, Kind, show
 from lanewise.settings import STAGES, Settings
@@ -30,6 +32,27 @@ def check(settings: Settings) -> None:
     _check_budget("h_dqn", settings.h_dqn)
     for level in ("high_level", "low_level"):
         _check_level(f"h_dqn.{level}", settings.h_dqn, getattr(settings.h_dqn, level))
+
+
+def check_high_level(lender: Settings, borrower: Settings) -> None:
+    """Checks that a high level trained under some settings can be taken over under others.
+
+    When step 2 and tests renew goals is nothing to a high level.
+
+    Raises:
+        SettingsError: Says what differs.
+    """
+    theirs, ours = (
+        (replace(each.goals, training_renewal="critic", test_renewal="critic"), each.driving)
+        for each in (lender, borrower)
+    )
+    if theirs != ours:
+        raise SettingsError(
+            "was made with other goals or driving settings: its high level would not fit; give "
+            "the same ones"
+        )
+    if lender.high_level.learner.hidden != borrower.high_level.learner.hidden:
+        raise SettingsError("has another high-level network (high_level.learner.hidden)")
 
 
 def _check_scenario(settings: Settings) -> None:

@@ -233,14 +233,20 @@ def fail_with(error, monkeypatch):
     monkeypatch.setitem(cli.RUNNERS, "train", runner)
 
 
-def test_interruption_says_how_to_go_on(monkeypatch, capsys):
+def test_interruption_says_how_to_go_on(tmp_path, monkeypatch, capsys):
     fail_with(KeyboardInterrupt(), monkeypatch)
+    monkeypatch.chdir(tmp_path)
     words = ["train", "hierarchical", "--out", "my run", "--seed", "3", "--high-level", "step 1"]
     assert main(words) == 130
     error = capsys.readouterr().err
-    expected = "lanewise train hierarchical --out 'my run' --resume"
+    expected = "lanewise train hierarchical --out 'my run' --high-level 'step 1' --resume"
     assert error.splitlines()[-1].strip() == expected
     assert "interrupted; continue with:" in error
+    # Once its step 1 is taken over, the other run is wanted no more.
+    (tmp_path / "my run" / "stages").mkdir(parents=True)
+    assert main(words) == 130
+    expected = "lanewise train hierarchical --out 'my run' --resume"
+    assert capsys.readouterr().err.splitlines()[-1].strip() == expected
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,14 @@
 """The main job, end to end, at the smallest size."""
 
 import json
+import shutil
 import subprocess
 import sys
 
 import pytest
+
+from lanewise.cli import main
+from lanewise.experiments import schedule
 
 TINY = [
     *("--episodes", "3", "--highway-env-episodes", "1", "--evaluation.duration", "2"),
@@ -53,3 +57,34 @@ def test_a_complete_folder_is_not_overwritten(done):
     assert again.stderr.startswith("lanewise: error:")
     assert "complete" in again.stderr
     assert (out / "report.md").read_bytes() == before
+
+
+def test_arms_of_another_trap_in_the_folder_are_refused(done, tmp_path):
+    """Also where they are not asked for: the report speaks of all arms in the folder."""
+    out, _ = done
+    folder = tmp_path / "out"
+    shutil.copytree(out / "runs" / "single-level", folder / "runs" / "single-level")
+    words = ["--only", "hierarchical", "--trap", "trap-10.9", *TINY]
+    command = [sys.executable, "-m", "lanewise", "reproduce", "--out", str(folder), *words]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    assert result.returncode == 2
+    assert "single-level/seed-0 was made with other settings: there scenario.trap_speed" in (
+        result.stderr
+    )
+    assert not (folder / "runs" / "hierarchical").exists()
+
+
+def test_a_report_that_lacks_what_is_to_be_done_goes_first(done, tmp_path, monkeypatch, capsys):
+    """Else an interruption would leave a folder that looks complete."""
+    out, _ = done
+    folder = tmp_path / "out"
+    shutil.copytree(out, folder)
+
+    def interrupted(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(schedule, "run", interrupted)
+    words = ["reproduce", "--out", str(folder), "--seeds", "2", *TINY]
+    assert main(words) == 130
+    assert not (folder / "report.md").exists()
+    assert main(words) == 130

@@ -115,6 +115,14 @@ AXES = {"ego-speed": "9 10", "trap-speed": "10", "lanes": "3 4", "front-distance
         "side-distance": "5", "spacing": "17 25", "episodes": "2"}  # fmt: skip
 
 
+def test_a_refused_high_level_leaves_no_run_behind(run, tmp_path, capsys):
+    out = tmp_path / "borrower"
+    words = ["train", "hierarchical", "--out", str(out), "--high-level", str(run)]
+    assert main([*words, "--goals.time-limit", "5"]) == 2
+    assert "was made with other goals or driving settings" in capsys.readouterr().err
+    assert not out.exists()
+
+
 def sweep_words(run, out, **changes):
     axes = AXES | {name.replace("_", "-"): value for name, value in changes.items()}
     words = [word for name, value in axes.items() for word in (f"--{name}", *value.split())]
@@ -151,6 +159,13 @@ def test_sweep_writes_a_map_and_continues_an_interrupted_one(run, tmp_path, caps
     journal.write_text(journal.read_text() + '{"kind": "Outc')  # as a kill would leave it
     assert main(sweep_words(run, cut, episodes="3")) == 2
     assert "holds another sweep" in capsys.readouterr().err
+    # So is that of another controller with the same settings and seed.
+    kept = journal.read_text()
+    weights = json.loads((run / "controller.json").read_text())["sha256"]
+    journal.write_text(kept.replace(weights, "0" * 64))
+    assert main(sweep_words(run, cut)) == 2
+    assert "holds another sweep" in capsys.readouterr().err
+    journal.write_text(kept)
     assert main(sweep_words(run, cut)) == 0
     assert "episodes: continuing" in capsys.readouterr().err
     again = json.loads((cut / "map.json").read_text())

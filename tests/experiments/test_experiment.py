@@ -12,6 +12,8 @@ from lanewise.experiments.experiment import BUILT_IN
 
 HEAD = 'preset = "quick"\nseeds = 2\nepisodes = 3\nhighway_env_episodes = 0\n'
 ARM = '[arms.a]\ncontroller = "single-level"\n'
+LENT = '[arms.a]\ncontroller = "hierarchical"\nhigh_level = "b"\n'
+LENDER = '[arms.b]\ncontroller = "planned"\n'
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
@@ -74,6 +76,17 @@ def test_the_papers_size():
         (HEAD + ARM + "title = 3\n", "title: expected text"),
         (HEAD + ARM + 'high_level = "b"\n', 'arm a: high_level "b" is no arm'),
         (HEAD + ARM + 'high_level = "a"\n', "only hierarchical and planned have a step 1"),
+        (HEAD + LENT + LENDER + 'high_level = "a"\n', "arm a: b trains no step 1 of its own"),
+        (HEAD + LENT.replace('"b"', '"a"'), "arm a: a trains no step 1 of its own"),
+        (HEAD + LENT + LENDER + "seeds = 1\n", "arm a: has more seeds than b"),
+        (
+            HEAD + LENT + LENDER + '[arms.b.settings]\n"goals.time_limit" = 5.0\n',
+            "arm a: b was made with other goals or driving settings",
+        ),
+        (
+            HEAD + LENT + LENDER + '[arms.b.settings]\n"high_level.learner.hidden" = [8]\n',
+            "arm a: b has another high-level network",
+        ),
         (
             HEAD + ARM + '[arms.a.settings]\n"goals.speed_stp" = 1.0\n',
             "did you mean goals.speed_step",

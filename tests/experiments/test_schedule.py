@@ -13,8 +13,8 @@ import jax
 import numpy as np
 import pytest
 
-from lanewise.errors import RunError
-from lanewise.experiments import experiment, results, schedule, work
+from lanewise.errors import LanewiseError, RunError
+from lanewise.experiments import experiment, results, schedule, testing, work
 from lanewise.runs import trained
 from lanewise.runs.folder import RunFolder
 from lanewise.training import recipe
@@ -196,3 +196,22 @@ def test_when_the_parent_is_killed_its_processes_end(tmp_path):
             return
         time.sleep(0.1)
     pytest.fail("the child outlives its parent")
+
+
+def test_a_reference_driver_tested_otherwise_is_refused(tiny):
+    _, jobs = tiny
+    (job,) = (each for each in jobs if not each.trains)
+    scenario = replace(job.settings.scenario, trap_speed=9.0)
+    work.run(job, work.Progress(stream=io.StringIO()))
+    work.check(job)
+    with pytest.raises(RunError, match=r"other settings: there scenario\.trap_speed is 10\.0"):
+        work.check(replace(job, settings=replace(job.settings, scenario=scenario)))
+
+
+def test_without_highway_env_one_line_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "highway_env", None)
+    for name in [name for name in sys.modules if name.startswith("lanewise.interop")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delattr("lanewise.interop", raising=False)
+    with pytest.raises(LanewiseError, match=r'pip install "lanewise\[highway\]"'):
+        testing._twin()

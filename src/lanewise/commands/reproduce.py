@@ -67,7 +67,8 @@ def run(parsed: Parsed[Reproduce]) -> int:
     from lanewise.report import extras
 
     extras.check()
-    if chosen.highway_env_episodes and find_spec("highway_env") is None:
+    wanted = any(chosen.count(arm, "highway_env_episodes") for arm in chosen.arms)
+    if wanted and find_spec("highway_env") is None:
         raise LanewiseError('reproduce needs highway-env: pip install "lanewise[report,highway]"')
 
     from lanewise.experiments import reporting, results, schedule, work
@@ -76,20 +77,22 @@ def run(parsed: Parsed[Reproduce]) -> int:
     jobs = results.jobs(chosen, *place)
     if not (command.out / "runs").exists():
         require_empty(command.out)
-    for job in jobs:
+    every = results.jobs(whole, *place)
+    for job in every:
         work.check(job)
-    if (command.out / "report.md").exists() and all(job.done for job in jobs):
-        raise RunError(
-            f"{command.out} is complete: see {command.out / 'report.md'}, or choose another folder"
-        )
+    report = command.out / "report.md"
+    if report.exists() and all(job.done for job in jobs):
+        raise RunError(f"{command.out} is complete: see {report}, or choose another folder")
     command.out.mkdir(parents=True, exist_ok=True)
+    # One that lacks what is to be done now would look like that of a complete folder.
+    report.unlink(missing_ok=True)
     began = time.monotonic()
     times = schedule.run(jobs, command.processes or _cores(), sys.stderr)
     sys.stderr.write("writing the report\n")
     path, text = reporting.write(
         command.out,
         whole,
-        results.collect(whole, results.jobs(whole, *place)),
+        results.collect(whole, every),
         command=shlex.join(["lanewise", *sys.argv[1:]]),
         times=times | {"everything": time.monotonic() - began},
     )

@@ -156,8 +156,9 @@ def _successes(outcomes: list[Outcome]) -> float:
 def _identity(command: Sweep, folder: RunFolder) -> dict[str, Any]:
     """What must be the same for a journal to be continued."""
     asked = {name: value for name, value in vars(command).items() if name not in ("run", "out")}
-    digest = config.digest(folder.settings)
-    plain = {"kind": "Sweep", "training_seed": folder.seed, "settings": digest, **asked}
+    # The weights stand for the controller, its settings and all of its training.
+    weights = json.loads((folder.path / "controller.json").read_text("utf-8"))["sha256"]
+    plain = {"kind": "Sweep", "controller": folder.controller, "weights": weights, **asked}
     same: dict[str, Any] = json.loads(json.dumps(plain))
     return same
 

@@ -55,6 +55,11 @@ def run(parsed: Parsed[Train]) -> int:
             raise RunError(f"--high-level: only {names} controllers have a step 1")
         if RunFolder.open(command.high_level).controller not in WITH_STEP_1:
             raise RunError(f"{command.high_level} has no step 1; only {names} runs do")
+        if not command.resume:
+            from lanewise.runs import trained
+
+            # Before the folder is made: a refused run leaves nothing behind.
+            trained.check_lender(command.high_level, command.values)
     with _folder(parsed) as folder:
         from lanewise.runs.train import train
 

@@ -26,7 +26,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from lanewise import config
+from lanewise import config, crosschecks
 from lanewise.controllers.settings import REFERENCES
 from lanewise.errors import SettingsError
 from lanewise.names import look_up, nearest
@@ -158,8 +158,9 @@ def parse(name: str, text: str) -> Experiment:
     look_up("preset", preset, PRESETS)
     found = Experiment(name, _text(table, "title", name), preset, arms=parsed, **counts)
     for arm in parsed:
-        _check_high_level(arm, {other.name: other for other in parsed})
         found.settings(arm, "trap-10", {})
+        if arm.high_level:
+            _check_high_level(found, arm)
     return found
 
 
@@ -176,13 +177,22 @@ def _arm(name: str, table: Mapping[str, Any]) -> Arm:
     return Arm(name, title, controller, changes, _text(table, "high_level", ""), **counts)
 
 
-def _check_high_level(arm: Arm, arms: Mapping[str, Arm]) -> None:
-    if not arm.high_level:
-        return
-    if arm.high_level not in arms:
+def _check_high_level(experiment: Experiment, arm: Arm) -> None:
+    """Refuses, before anything is trained, what could not be taken over afterwards."""
+    lender = next((other for other in experiment.arms if other.name == arm.high_level), None)
+    if lender is None:
         raise SettingsError(f'arm {arm.name}: high_level "{arm.high_level[:80]}" is no arm')
-    if {arm.controller, arms[arm.high_level].controller} - set(WITH_STEP_1):
+    if {arm.controller, lender.controller} - set(WITH_STEP_1):
         raise SettingsError(f"arm {arm.name}: only {' and '.join(WITH_STEP_1)} have a step 1")
+    if lender.high_level:
+        raise SettingsError(f"arm {arm.name}: {lender.name} trains no step 1 of its own to lend")
+    if experiment.count(arm, "seeds") > experiment.count(lender, "seeds"):
+        raise SettingsError(f"arm {arm.name}: has more seeds than {lender.name}, its high_level")
+    settings = (experiment.settings(each, "trap-10", {}) for each in (lender, arm))
+    try:
+        crosschecks.check_high_level(*settings)
+    except SettingsError as error:
+        raise SettingsError(f"arm {arm.name}: {lender.name} {error}") from error
 
 
 def _known(table: Mapping[str, Any], names: tuple[str, ...], owner: str) -> None:

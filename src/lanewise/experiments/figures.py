@@ -17,6 +17,7 @@ from lanewise.report import (
     trap_schematic,
     two_steps,
 )
+from lanewise.runs import metrics
 
 FOLDER = "figures"
 """Below the report."""
@@ -125,7 +126,7 @@ def _training(
     rows, settled = {}, {}
     for result in arms.values():
         rows[title(result)] = [seed.episodes for seed in result.seeds]
-        mark = training_curves.settled_episode(result.seeds[0].chunks)
+        mark = metrics.settled_episode(result.seeds[0].chunks)
         if mark is not None:
             settled[title(result)] = mark
     return rows, settled

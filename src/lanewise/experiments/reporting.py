@@ -14,10 +14,11 @@ from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.figures import COMPARED, FOLDER, SCHEDULES
 from lanewise.experiments.results import WORLDS, ArmResult, SeedResult
 from lanewise.report import arms as tables
-from lanewise.report import clip, page, report, table, training_curves
+from lanewise.report import clip, page, report, table
 from lanewise.report.curves import write_curves
 from lanewise.report.escape import cell, code
 from lanewise.report.files import write_text
+from lanewise.runs import metrics as run_metrics
 
 REFERENCE = "single-level"
 """Arm that the others are held against."""
@@ -93,7 +94,7 @@ def _ledger(results: Sequence[ArmResult]) -> list[Claim]:
 
 
 def _evidence(seed: SeedResult) -> Evidence:
-    settled = training_curves.settled_episode(seed.chunks)
+    settled = run_metrics.settled_episode(seed.chunks)
     return Evidence(
         training=seed.episodes,
         settled=len(seed.episodes) if settled is None else int(settled),
@@ -159,12 +160,12 @@ def _training_part(content: Content) -> list[str]:
 def _ledger_part(content: Content) -> list[str]:
     if not content.ledger:
         return []
-    seeds = len(content.ledger[0].seeds)
     lines = ["| the paper says | verdict | seeds | measured |", "|---|---|---:|---|"]
-    lines += [
-        f"| {cell(c.text)} | **{c.verdict}** | {sum(c.seeds)} of {seeds} | {cell(c.figures)} |"
-        for c in content.ledger
-    ]
+    for claim in content.ledger:
+        seeds = f"{sum(claim.seeds)} of {len(claim.seeds)}"
+        lines.append(
+            f"| {cell(claim.text)} | **{claim.verdict}** | {seeds} | {cell(claim.figures)} |"
+        )
     return [
         "## What reproduces, what does not, and why",
         "Each claim is computed seed by seed: it holds if every seed says so, fails if none does, "

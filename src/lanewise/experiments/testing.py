@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+from lanewise.errors import LanewiseError
 from lanewise.evaluation import drive
 from lanewise.evaluation.drive import TestCourse
 from lanewise.evaluation.episodes import Episodes, Recording
@@ -44,6 +45,10 @@ def record(trained: Trained, world: str, seed: int, episode: int) -> Recording:
 
 def _twin() -> Any:
     """The module that drives in highway-env; imported only where it is wanted."""
-    from lanewise.interop import drive as twin
-
+    try:
+        from lanewise.interop import drive as twin
+    except ImportError as error:
+        raise LanewiseError(
+            'driving in highway-env needs its package: pip install "lanewise[highway]"'
+        ) from error
     return twin

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lanewise import config
 from lanewise.errors import RunError
 from lanewise.evaluation import metrics
 from lanewise.evaluation.episodes import Episodes
@@ -20,6 +21,8 @@ from lanewise.runs.trained import Trained
 from lanewise.settings import Settings
 from lanewise.training import recipe
 
+SETTINGS = "settings.toml"
+"""What a reference driver was tested with; a training has its own in its run folder."""
 TESTS = "tests"
 """Folder of a run that holds its tests."""
 
@@ -72,6 +75,10 @@ def check(job: Job) -> None:
     """
     if (job.path / "run.json").exists():
         RunFolder.resume(job.path, job.settings, job.controller, job.seed).close()
+    elif not job.trains and (file := job.path / SETTINGS).exists():
+        difference = config.first_difference(config.compose(file=file), job.settings)
+        if difference:
+            raise RunError(f"{job.path} was tested with other settings: there {difference}")
 
 
 def run(job: Job, reporter: Progress) -> dict[str, float]:
@@ -87,6 +94,8 @@ def run(job: Job, reporter: Progress) -> dict[str, float]:
                 times[f"train {job.label}"] = time.monotonic() - began
         controller = trained.load(job.path)
     else:
+        job.path.mkdir(parents=True, exist_ok=True)
+        write_atomically(job.path, {SETTINGS: config.dump_toml(job.settings).encode()})
         controller = Trained(job.controller, job.settings, job.seed, {})
     for world, count in job.episodes.items():
         if not is_tested(job.path, world, count):

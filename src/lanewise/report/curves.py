@@ -12,6 +12,7 @@ from lanewise.errors import LanewiseError
 from lanewise.report import style
 from lanewise.report.extras import needed_for
 from lanewise.report.style import STYLES
+from lanewise.runs.metrics import settled_at
 
 with needed_for("the learning-curve figure"):
     from matplotlib.axes import Axes
@@ -81,7 +82,7 @@ def _line(axes: Axes, rows: Rows, number: int, what: tuple[str, str, float, floa
     smooth = running_mean(y, max(1, round(window * len(y))))
     axes.plot(x, y, color=own.colour, linewidth=0.6, alpha=0.25)
     style.curve(axes, x, smooth, own, label=str(rows[0]["stage"]))
-    settled = settled_at(column_of(rows, "epsilon"))
+    settled = settled_at(column_of(rows, "epsilon").tolist())
     if settled is not None:
         axes.axvline(x[settled], color=own.colour, linestyle=own.dashes, linewidth=0.8, alpha=0.6)
 
@@ -102,12 +103,3 @@ def running_mean(values: NDArray[np.float64], window: int) -> NDArray[np.float64
     number = counts[ends] - counts[starts]
     total = sums[ends] - sums[starts]
     return np.where(number > 0, total / np.maximum(number, 1), nan)
-
-
-def settled_at(epsilon: NDArray[np.float64]) -> int | None:
-    """First row where epsilon is at its final value; None if it never moved or is still moving."""
-    known = epsilon[~np.isnan(epsilon)]
-    if not len(known) or known[0] - known[-1] < 1e-6:
-        return None
-    first = int(np.flatnonzero(epsilon <= known[-1] + 1e-6)[0])
-    return first if first < len(epsilon) - 1 else None

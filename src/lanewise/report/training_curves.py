@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
 from lanewise.report import style
-from lanewise.report.curves import Rows, column_of, running_mean, settled_at
+from lanewise.report.curves import Rows, column_of, running_mean
 from lanewise.report.extras import needed_for
 from lanewise.report.style import Floats, Look, Style
 
@@ -94,16 +94,6 @@ def draw(
     style.thousands(panels[-1])
     style.legend(figure, _key(arms, looks, marks))
     return figure
-
-
-def settled_episode(chunks: Rows) -> float | None:
-    """Episodes that had ended when epsilon reached its final value; None if it never did.
-
-    Args:
-        chunks: one stage's metrics rows of kind `chunk`, with `epsilon` and `episodes`.
-    """
-    index = settled_at(column_of(chunks, "epsilon"))
-    return None if index is None else float(chunks[index]["episodes"])
 
 
 def over_seeds(seeds: Sequence[Floats]) -> tuple[Floats, Floats, Floats]:

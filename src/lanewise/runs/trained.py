@@ -1,14 +1,14 @@
 """Trained controllers on disk: what a stage hands on, and the finished controller of a run."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import jax
 
-from lanewise import __version__
+from lanewise import __version__, crosschecks
 from lanewise.controllers.controller import Parameters
-from lanewise.errors import RunError
+from lanewise.errors import RunError, SettingsError
 from lanewise.learning import network
 from lanewise.runs import checkpoint, shelf, tree
 from lanewise.runs.folder import RunFolder
@@ -109,16 +109,7 @@ def take_over_high_level(folder: RunFolder, source: Path) -> None:
     first = recipe.STEP_1
     if has_stage(folder, first.name):
         raise RunError(f"{folder.path} has its own step 1 already; resume it without --high-level")
-    other = RunFolder.open(source)
-    if not has_stage(other, first.name):
-        raise RunError(f"{source} has no finished {first.name}: it cannot lend its high level")
-    if _seen_by_high_level(other.settings) != _seen_by_high_level(folder.settings):
-        raise RunError(
-            f"{source} was made with other goals or driving settings: its high level would not "
-            "fit; give the same ones"
-        )
-    if other.settings.high_level.learner.hidden != folder.settings.high_level.learner.hidden:
-        raise RunError(f"{source} has another high-level network (high_level.learner.hidden)")
+    other = check_lender(source, folder.settings)
     parameters = load_stage(other, first)
     meta = {
         "taken_from_seed": other.seed,
@@ -128,10 +119,22 @@ def take_over_high_level(folder: RunFolder, source: Path) -> None:
     save_stage(folder, first, parameters, meta)
 
 
-def _seen_by_high_level(settings: Settings) -> tuple[Any, ...]:
-    """What a high level depends on; when step 2 and tests renew goals is not part of it."""
-    goals = replace(settings.goals, training_renewal="critic", test_renewal="critic")
-    return goals, settings.driving
+def check_lender(source: Path, settings: Settings) -> RunFolder:
+    """The run at ``source``, once it is sure that its high level fits these settings.
+
+    Raises:
+        RunError: it has no finished step 1, or the two high levels differ in shape or in what
+            they see.
+    """
+    lender = RunFolder.open(source)
+    first = recipe.STEP_1
+    if not has_stage(lender, first.name):
+        raise RunError(f"{source} has no finished {first.name}: it cannot lend its high level")
+    try:
+        crosschecks.check_high_level(lender.settings, settings)
+    except SettingsError as error:
+        raise RunError(f"{source} {error}") from error
+    return lender
 
 
 def blank_networks(folder: RunFolder, stage: Stage) -> Parameters:
