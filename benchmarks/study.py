@@ -21,7 +21,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from statistics import mean
 
-from lanewise.report.report import machine, versions
+from lanewise.report.provenance import machine, versions
 
 BINARY = [sys.executable, "-m", "lanewise"]
 

@@ -18,7 +18,7 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
-from lanewise.report import report
+from lanewise.report import provenance
 from lanewise.runs import metrics
 
 COMPILE = re.compile(
@@ -88,8 +88,8 @@ def main():
     result = {
         "command": shlex.join(["python", *sys.argv]),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "machine": report.machine(),
-        "versions": report.versions(),
+        "machine": provenance.machine(),
+        "versions": provenance.versions(),
         "controller": options.controller,
         "preset": options.preset,
         "runs": rows,

@@ -291,13 +291,13 @@ def main():
         for a, b in zip(first_endings(0, options.same), their_endings(0, options.same), strict=True)
     ]
 
-    from lanewise.report import report
+    from lanewise.report import provenance
 
     result = {
         "command": shlex.join(["python", *sys.argv]),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "machine": report.machine(),
-        "versions": report.versions(),
+        "machine": provenance.machine(),
+        "versions": provenance.versions(),
         "processes": options.processes,
         "vehicles": 3 + settings().scenario.traffic.vehicles_ahead,
         "simulation_frequency": settings().driving.simulation_frequency,

@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from lanewise.report.report import machine, versions
+from lanewise.report.provenance import machine, versions
 from lanewise.runs import metrics, shelf, trained
 
 KEPT = ("run.json", "settings.toml", "controller.json", "controller.safetensors")

@@ -198,21 +198,6 @@ def _toml(value: object) -> str:
     return json.dumps(value, allow_nan=False)
 
 
-def to_dict(settings: Settings) -> dict[str, Any]:
-    """Every setting as nested tables of plain values."""
-    plain: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(settings), allow_nan=False))
-    return plain
-
-
-def from_dict(table: Mapping[str, Any]) -> Settings:
-    """Builds settings from nested tables; what is not given keeps its default.
-
-    Raises:
-        SettingsError: As in ``compose``.
-    """
-    return replace(Settings(), _by_name(table))
-
-
 def digest(settings: Settings) -> str:
     """SHA-256 over the settings file, by which stored files belong to them."""
     return hashlib.sha256(dump_toml(settings).encode()).hexdigest()

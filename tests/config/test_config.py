@@ -21,12 +21,11 @@ def refusal(**flags: object) -> str:
 
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("trap", TRAPS)
-def test_presets_are_valid_and_survive_toml_and_json(preset, trap, tmp_path):
+def test_presets_are_valid_and_survive_toml(preset, trap, tmp_path):
     settings = config.compose(preset, trap)
     file = tmp_path / "settings.toml"
     file.write_text(config.dump_toml(settings))
     assert config.compose(file=file) == settings
-    assert config.from_dict(config.to_dict(settings)) == settings
 
 
 def test_toml_holds_every_setting_once():
@@ -225,7 +224,7 @@ def test_unreadable_toml_files(tmp_path):
         config.load_toml(file)
 
 
-def test_a_range_is_given_taken_back_and_written():
+def test_a_range_is_given_taken_back_and_written(tmp_path):
     name = "scenario.training_ego_speed"
     kind = config.kinds()[name]
     assert kind.parse(name, ["8", "13"]) == (8.0, 13.0)
@@ -235,7 +234,8 @@ def test_a_range_is_given_taken_back_and_written():
     wide = config.compose(flags={name: [8, 13], "scenario.training_lanes": [3, 5]})
     assert wide.scenario.training_lanes == (3, 5)
     for settings in (wide, Settings()):
-        assert config.from_dict(tomllib.loads(config.dump_toml(settings))) == settings
+        (tmp_path / "settings.toml").write_text(config.dump_toml(settings))
+        assert config.compose(file=tmp_path / "settings.toml") == settings
     assert "training_trap_speed = []" in config.dump_toml(wide)
 
 

@@ -120,3 +120,9 @@ def test_no_evidence_no_claims():
     without = claims.ledger([replace(PAPER, explorers=())])
     assert len(without) == len(claims.CLAIMS) - 1
     assert not any("exploration does not help" in claim.text for claim in without)
+
+
+def test_exploring_more_is_asked_of_the_seeds_that_did():
+    found = claims.ledger((PAPER, replace(PAPER, seed=1, explorers=())))
+    (claim,) = (c for c in found if "exploration does not help" in c.text)
+    assert (claim.verdict, claim.seeds) == ("holds", (True,))

@@ -16,20 +16,6 @@ def test_running_mean_by_hand():
     np.testing.assert_array_equal(smooth, [np.nan, 2.0, 3.0, 4.0, 9.0])
 
 
-@pytest.mark.parametrize(
-    ("epsilon", "first"),
-    [
-        ([0.5, 0.2, 0.02, 0.02], 2),
-        ([0.5, 0.4, 0.3], None),
-        ([0.1, 0.1], None),
-        ([np.nan, np.nan], None),
-        ([np.nan, 0.5, 0.02, 0.02], 2),
-    ],
-)
-def test_where_epsilon_has_settled(epsilon, first):
-    assert curves.settled_at(np.array(epsilon)) == first
-
-
 def test_png_and_svg(tmp_path, rows):
     curves.write_curves(rows, tmp_path / "c.png")
     curves.write_curves(rows, tmp_path / "c.svg", against="episodes")

@@ -70,15 +70,6 @@ def test_the_mark_stands_on_the_curve_where_epsilon_settled():
         assert mark.get_ydata()[0] == pytest.approx(curve.get_ydata()[19])
 
 
-def test_the_episode_where_epsilon_settled():
-    chunks = [
-        {"epsilon": epsilon, "episodes": 10 * number}
-        for number, epsilon in enumerate((0.5, 0.3, 0.02, 0.02))
-    ]
-    assert training_curves.settled_episode(chunks) == 20.0
-    assert training_curves.settled_episode(chunks[:2]) is None
-
-
 def test_a_missing_value_is_a_gap_not_a_mean_over_fewer_seeds():
     seeds = make_training((30, 30))
     for row in seeds[0][:5]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lanewise.errors import RunError
-from lanewise.runs.metrics import MetricsWriter, read
+from lanewise.runs.metrics import MetricsWriter, read, settled_at, settled_episode
 
 
 def write(path, numbers, resume_at=0):
@@ -57,3 +57,36 @@ def test_reading_leaves_out_a_line_cut_short(tmp_path):
     path.write_bytes(b'{"a": 1\n{"a": 2}\n')
     with pytest.raises(RunError, match="not valid JSON"):
         read(path)
+
+
+@pytest.mark.parametrize(
+    ("epsilon", "first"),
+    [
+        ([0.5, 0.2, 0.02, 0.02], 2),
+        ([0.5, 0.4, 0.3], None),
+        # Settled before the first record, as after 1000 steps of 32 worlds.
+        ([0.1, 0.1], 0),
+        ([0.1], None),
+        ([None, None], None),
+        ([None, 0.5, 0.02, 0.02], 2),
+    ],
+)
+def test_where_epsilon_has_settled(epsilon, first):
+    assert settled_at(epsilon) == first
+
+
+def test_the_episode_where_epsilon_settled():
+    chunks = [
+        {"epsilon": epsilon, "episodes": 10 * number}
+        for number, epsilon in enumerate((0.5, 0.3, 0.02, 0.02))
+    ]
+    assert settled_episode(chunks) == 20.0
+    assert settled_episode(chunks[:2]) is None
+
+
+def test_a_line_cut_short_is_not_appended_to(tmp_path):
+    path = tmp_path / "timings.jsonl"
+    path.write_text('{"seconds": 1.0}\n{"sec')
+    with MetricsWriter(path, None) as writer:
+        writer.append({"seconds": 2.0})
+    assert read(path) == [{"seconds": 1.0}, {"seconds": 2.0}]

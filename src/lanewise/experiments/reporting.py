@@ -14,7 +14,7 @@ from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.figures import COMPARED, FOLDER, SCHEDULES
 from lanewise.experiments.results import WORLDS, ArmResult, SeedResult
 from lanewise.report import arms as tables
-from lanewise.report import clip, page, report, table
+from lanewise.report import clip, page, provenance, table
 from lanewise.report.curves import write_curves
 from lanewise.report.escape import cell, code
 from lanewise.report.files import write_text
@@ -45,8 +45,8 @@ def write(
     """
     made = {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": report.versions(),
-        "machine": report.machine(),
+        "versions": provenance.versions(),
+        "machine": provenance.machine(),
     }
     drawn = figures.write(out, results)
     clip.render(_shown(results).seeds[0].record(), out / "clip.gif")
@@ -113,7 +113,7 @@ def _markdown(content: Content) -> str:
         *_figure_part(content),
         *_reading_part(content),
         "## What the figures mean",
-        report.meanings(),
+        table.meanings(),
         *_origin_part(content),
     ]
     return "\n\n".join(part.rstrip() for part in parts if part) + "\n"
@@ -201,7 +201,7 @@ def _origin_part(content: Content) -> list[str]:
     title = cell(_shown(content.results).arm.title)
     return [
         "## How it was made",
-        report.listing({**made["versions"], **made["machine"]}),
+        table.listing({**made["versions"], **made["machine"]}),
         "" if took is None else f"The last call of the command took {took:.1f} s.",
         "### What was run",
         "Means over seeds. A training's time includes compilation and whatever shared the machine; "
@@ -210,7 +210,7 @@ def _origin_part(content: Content) -> list[str]:
         "### Settings of the arms",
         _changes(content),
         f"## Settings: {title}",
-        report.listing(settings),
+        table.listing(settings),
     ]
 
 

@@ -13,7 +13,7 @@ from lanewise.evaluation.comparison import Comparison
 from lanewise.ranges import show
 from lanewise.report import sections
 from lanewise.report.escape import cell, code
-from lanewise.report.report import versions
+from lanewise.report.provenance import versions
 from lanewise.report.sections import Lines, Section, letter
 from lanewise.report.table import NOTE
 

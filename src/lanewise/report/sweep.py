@@ -12,7 +12,7 @@ from lanewise.report.escape import cell as plain
 from lanewise.report.escape import code, finite
 from lanewise.report.files import write_text
 from lanewise.report.map import View, figure_of, write_map
-from lanewise.report.report import machine, versions
+from lanewise.report.provenance import machine, versions
 
 TITLES = {
     "all": "all starts",

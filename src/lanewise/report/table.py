@@ -1,6 +1,6 @@
 """The paper's test table with ours beside it: as Markdown, for a terminal, and as JSON."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite, nan
 from typing import Any
@@ -15,7 +15,7 @@ from lanewise.evaluation.metrics import (
     published_interval,
 )
 from lanewise.evaluation.statistics import Interval
-from lanewise.report.escape import cell
+from lanewise.report.escape import cell, code
 
 NOTE = (
     "In parentheses 95 % intervals: exact (Clopper-Pearson) for shares of episodes,",
@@ -89,9 +89,17 @@ def text(summaries: Sequence[Summary]) -> str:
     return "\n\n".join([*blocks, "\n".join(NOTE)]) + "\n"
 
 
-def to_json(summaries: Sequence[Summary]) -> list[dict[str, Any]]:
-    """One object a column, the published ones included; `world` is `published` for those."""
-    return [column.summary.to_json() for column in columns(summaries)]
+def meanings() -> str:
+    """What every metric means, as a Markdown list."""
+    return "\n".join(f"- **{cell(metric.title)}**: {cell(metric.meaning)}." for metric in METRICS)
+
+
+def listing(values: Mapping[str, Any]) -> str:
+    """Names and values as a Markdown table."""
+    lines = ["| | |", "|---|---|"]
+    return "\n".join(
+        lines + [f"| {cell(name)} | {code(value)} |" for name, value in values.items()]
+    )
 
 
 def _rows(table: Sequence[Column]) -> list[tuple[str, list[str]]]:

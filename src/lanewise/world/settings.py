@@ -43,19 +43,4 @@ class DriverSettings:
 
 
 PAPER_DRIVER = DriverSettings()
-
-HIGHWAY_ENV_DRIVER = DriverSettings(
-    target_speed=25.0,
-    comfort_acceleration=3.0,
-    comfort_deceleration=5.0,
-    jam_distance=10.0,
-    time_gap=1.5,
-    exponent=4.0,
-    politeness=0.0,
-    minimum_gain=0.2,
-    imposed_braking=2.0,
-    change_delay=1.0,
-    acceleration_limit=6.0,
-    steering_limit=pi / 3,
-)
-"""highway-env's own defaults (its exponent is drawn per vehicle from [3.5, 4.5])."""
+"""The paper's IDM and MOBIL."""

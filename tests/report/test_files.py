@@ -1,0 +1,62 @@
+"""Files of a report, and what a missing package or a hostile string does to them."""
+
+import importlib
+import sys
+
+import pytest
+
+from lanewise.errors import LanewiseError
+from lanewise.report import escape, extras, files, table
+
+
+def test_names_and_values_are_escaped():
+    words = table.listing({"odd|name": "<b>`x`", "scenario.trap_speed": 10.0})
+    assert "| odd\\|name | `` <b>`x` `` |" in words
+    assert "| scenario.trap\\_speed | `10.0` |" in words
+
+
+@pytest.mark.parametrize(
+    ("part", "package"), [("scene", "PIL"), ("clip", "PIL"), ("curves", "matplotlib")]
+)
+def test_missing_package_says_what_to_install(monkeypatch, part, package):
+    monkeypatch.setitem(sys.modules, package, None)
+    for name in [name for name in sys.modules if name.startswith("lanewise.report.")]:
+        if name.endswith(("scene", "clip", "curves", "style")):
+            monkeypatch.delitem(sys.modules, name)
+    with pytest.raises(LanewiseError, match=r'pip install "lanewise\[report\]"'):
+        importlib.import_module(f"lanewise.report.{part}")
+
+
+def test_check_of_extras(monkeypatch):
+    extras.check()
+    monkeypatch.setattr(extras, "find_spec", lambda name: None)
+    with pytest.raises(LanewiseError, match=r"lanewise\[report\]"):
+        extras.check()
+
+
+@pytest.mark.parametrize("value", ["`", "``a`", "", " x ", "a\nb|c"])
+def test_code_keeps_one_line_and_closes(value):
+    shown = escape.code(value)
+    assert "\n" not in shown
+    fence = shown[: len(shown) - len(shown.lstrip("`"))]
+    assert shown.endswith(fence)
+
+
+def test_failed_text_leaves_no_trace(tmp_path):
+    path = tmp_path / "t.txt"
+    path.write_text("old")
+
+    def fails():
+        with files.replacing(path) as beside:
+            beside.write_text("half")
+            raise OSError(28, "No space left on device")
+
+    with pytest.raises(LanewiseError, match="No space left"):
+        fails()
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_csv_file(tmp_path, episodes):
+    files.write_csv(tmp_path / "e.csv", episodes)
+    assert len((tmp_path / "e.csv").read_text().splitlines()) == 301
