@@ -61,37 +61,38 @@ def _figures(report: Any) -> list[ArmFigures]:
     """The arms of a stored report, as the tables want them."""
     found = []
     for arm in report["arms"]:
-        tested = [world for world in WORLDS if all(world in s["tests"] for s in arm["seeds"])]
         tests = {
-            world: [Summary.from_json(seed["tests"][world]) for seed in arm["seeds"]]
-            for world in tested
+            world: [
+                Summary.from_json(seed["tests"][world])
+                for seed in arm["seeds"]
+                if world in seed["tests"]
+            ]
+            for world in WORLDS
         }
         seeds = [seed["seed"] for seed in arm["seeds"]]
-        found.append(ArmFigures(arm["title"], arm["controller"], seeds, tests))
+        effort = [seed["effort"] for seed in arm["seeds"] if seed["effort"]]
+        found.append(ArmFigures(arm["title"], arm["controller"], seeds, tests, effort=effort))
     return found
 
 
 def _summary(report: Any) -> str:
     """The paper's test table with ours beside it, in both worlds, and two pictures."""
     names = [arm["name"] for arm in report["arms"]]
-    arms = [
-        figures for name, figures in zip(names, _figures(report), strict=True) if name in HEADLINE
-    ]
+    chosen = zip(names, _figures(report), strict=True)
+    arms = [figures for name, figures in chosen if name in HEADLINE]
     lines = []
     for world, title in WORLDS.items():
-        episodes = arms[0].tests[world][0].episodes
         lines += [
-            f"Test episodes of 25 s {title}, {episodes} each; means over seeds, in parentheses the "
-            "lowest and the highest seed:",
+            f"Test episodes of 25 s {title}; means over seeds, in parentheses the lowest and the "
+            "highest seed:",
             "",
             tables.tests(arms, world),
         ]
     lines += [
         f"All seeds, none left out; made by `{report['command']}` ({report['date'][:10]}) on "
-        f"{report['machine']['cores']} cores of an {report['machine']['processor']}. All "
-        f"{len(names)} arms are in [docs/results.md](docs/results.md), the whole report with its "
-        "figures, every seed and the ledger of the paper's claims in "
-        "[results/standard](results/standard/report.md).",
+        f"{_machine(report)}. All {len(names)} arms and how much was run are in "
+        "[docs/results.md](docs/results.md), the whole report with its figures, every seed and the "
+        "ledger of the paper's claims in [results/standard](results/standard/report.md).",
         "",
     ]
     for name, title in PICTURES.items():
@@ -102,8 +103,7 @@ def _summary(report: Any) -> str:
 def _details(report: Any) -> str:
     """All arms, both worlds, aggregates over seeds."""
     arms = _figures(report)
-    reference = next(arm["title"] for arm in report["arms"] if arm["name"] == "hierarchical")
-    hours = sum(seconds for name, seconds in report["times"].items() if name != "everything") / 3600
+    reference = next(arm["title"] for arm in report["arms"] if arm["name"] == "single-level")
     lines = [
         "# Results",
         "",
@@ -111,9 +111,15 @@ def _details(report: Any) -> str:
         "chosen on validation starts; each controller drove the test starts once. Every seed, the",
         "figures and the paper's claims are in",
         "[the report of `standard`](../results/standard/report.md), made by",
-        f"`{report['command']}` ({report['date'][:10]}): {hours:.1f} hours of work, two jobs at a "
-        "time,",
-        f"on {report['machine']['cores']} cores of an {report['machine']['processor']}.",
+        f"`{report['command']}` ({report['date'][:10]}) on {_machine(report)}.",
+        "",
+        "## What was run",
+        "",
+        f"{_hours(report):.1f} hours of trainings and tests together, two at a time. Means over "
+        "seeds; an arm that takes",
+        "over the step 1 of another has step 2 alone to show.",
+        "",
+        tables.run(arms).rstrip(),
     ]
     for world, title in WORLDS.items():
         lines += ["", f"## Every arm, {title}", "", tables.tests(arms, world).rstrip()]
@@ -121,13 +127,24 @@ def _details(report: Any) -> str:
         "",
         "## Over seeds",
         "",
-        "Interquartile means with 95 % bootstrap intervals over seeds and episodes, and the "
-        "probability",
-        f"that an arm's seed beats one of *{reference}*.",
+        "Interquartile means with 95 % stratified bootstrap intervals over seeds, and how likely a",
+        f"seed of an arm beats one of *{reference}*.",
         "",
-        tables.over_seeds(arms, "lanewise", reference).rstrip(),
+        tables.over_seeds(arms, reference).rstrip(),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _hours(report: Any) -> float:
+    """Wall time of every training and test, added up."""
+    seeds = [seed for arm in report["arms"] for seed in arm["seeds"]]
+    trained = sum(seed["effort"]["seconds"] for seed in seeds if seed["effort"])
+    tested = sum(sum(seed["test_seconds"].values()) for seed in seeds)
+    return float(trained + tested) / 3600
+
+
+def _machine(report: Any) -> str:
+    return f"{report['machine']['cores']} cores of an {report['machine']['processor']}"
 
 
 def _speed(world: Any, training: Any) -> str:

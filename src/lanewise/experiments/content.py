@@ -38,13 +38,20 @@ class Content:
         return any(len(result.seeds) > 1 for result in self.results)
 
     @property
-    def paired(self) -> dict[str, list[Paired]]:
-        """By arm, for each seed: the same starts in both worlds."""
+    def arm_by_arm(self) -> bool:
+        """Whether tables want a row an arm: one seed of each controller needs no arms' names."""
+        controllers = [result.arm.controller for result in self.results]
+        return self.several_seeds or len(set(controllers)) < len(controllers)
+
+    @property
+    def paired(self) -> dict[str, dict[int, Paired]]:
+        """By arm and seed: the same starts in both worlds."""
         found = {}
         for result in self.results:
-            pairs = [pair for seed in result.seeds if (pair := paired(seed)) is not None]
-            if pairs:
-                found[result.arm.name] = pairs
+            pairs = {seed.job.seed: paired(seed) for seed in result.seeds}
+            known = {seed: pair for seed, pair in pairs.items() if pair is not None}
+            if known:
+                found[result.arm.name] = known
         return found
 
 

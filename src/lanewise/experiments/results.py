@@ -12,6 +12,7 @@ from lanewise.experiments.experiment import Arm, Experiment
 from lanewise.experiments.work import Job, Test
 from lanewise.runs import metrics, trained
 from lanewise.runs.trained import Trained
+from lanewise.training import recipe
 
 WORLDS = ("lanewise", "highway-env")
 
@@ -41,6 +42,13 @@ class SeedResult:
     def lines(self) -> list[dict[str, Any]]:
         """The metrics of its training; none for a reference driver."""
         return metrics.read(self.job.path / "metrics.jsonl") if self.job.trains else []
+
+    @property
+    def whole_training(self) -> list[dict[str, Any]]:
+        """The metrics of its training, and before them those of a step 1 that it took over."""
+        lender = self.job.high_level
+        taken = [] if lender is None else metrics.read(lender / "metrics.jsonl")
+        return [line for line in taken if line["stage"] == recipe.STEP_1.name] + self.lines
 
     @property
     def episodes(self) -> list[dict[str, Any]]:

@@ -91,20 +91,22 @@ def every_seed(arms: Sequence[ArmFigures], worlds: Sequence[str]) -> str:
     return _markdown(heads, rows)
 
 
-def over_seeds(arms: Sequence[ArmFigures], world: str, reference: str) -> str:
+def over_seeds(arms: Sequence[ArmFigures], reference: str | None, world: str = "lanewise") -> str:
     """Interquartile means with bootstrap intervals, and how likely an arm beats the reference.
 
     Args:
         arms: those with one seed alone have no interval.
+        reference: title of the arm that the others are held against; None leaves that out.
         world: whose tests.
-        reference: title of the arm that the others are held against.
     """
     held = next((arm for arm in arms if arm.title == reference), None)
     names = ("success_rate", "accumulated_reward")
     metrics = [metric for name in names for metric in SHOWN if metric.name == name]
     heads = ["arm"]
     for metric in metrics:
-        heads += [f"IQM of {_head(metric)}", f"P({metric.title} above {cell(reference)})"]
+        heads.append(f"IQM of {_head(metric)}")
+        if held is not None:
+            heads.append(f"P({metric.title} above {cell(held.title)})")
     rows = []
     for arm in arms:
         if not arm.tests.get(world):
@@ -116,7 +118,9 @@ def over_seeds(arms: Sequence[ArmFigures], world: str, reference: str) -> str:
                 aggregates.interquartile_mean(scores), aggregates.interquartile_interval(scores)
             )
             row.append(_estimate(metric, value))
-            row.append(_improvement(scores, held, world, metric) if arm is not held else "-")
+            if held is not None:
+                improves = "-" if arm is held else _improvement(scores, held, world, metric)
+                row.append(improves)
         rows.append(row)
     return _markdown(heads, rows)
 
@@ -158,11 +162,11 @@ def run(arms: Sequence[ArmFigures]) -> str:
             cells = [f"{value:,.0f}" for value in (decisions, episodes, updates)]
             share = f"{updates / decisions:.3f}" if decisions else "-"
             cells += [share, f"{seconds / 60:.1f}"]
-        tested = (sum(s.episodes for s in summaries) for summaries in arm.tests.values())
+        tested = (summaries[0].episodes if summaries else 0 for summaries in arm.tests.values())
         numbers = ", ".join(map(str, arm.seeds))
         rows.append([cell(arm.title), numbers, *cells, " + ".join(map(str, tested))])
     worlds = list(dict.fromkeys(world for arm in arms for world in arm.tests))
-    return _markdown([*heads, f"test episodes in {' + '.join(map(cell, worlds))}"], rows)
+    return _markdown([*heads, f"tests of a seed in {' + '.join(map(cell, worlds))}"], rows)
 
 
 def last_mean(rows: Rows, name: str) -> float:
