@@ -1,10 +1,12 @@
 """Take a finished run into the package as a pretrained controller, with where it comes from.
 
     python docs/make_pretrained.py RUN NAME
+    python docs/make_pretrained.py out/runs/hierarchical hierarchical
 
-Copies the run's settings and weights, not its metrics, and writes `provenance.json`: the training
-seed, the validation figures by which its weights were chosen, its tests where the run folder has
-them, versions, machine and date.
+Of a folder of runs it takes the one whose weights did best on validation starts. Copies the run's
+settings and weights, not its metrics, and writes `provenance.json`: the training seed, the
+validation figures by which its weights were chosen, those of the other runs, its tests where the
+run folder has them, versions, machine and date.
 """
 
 import json
@@ -16,13 +18,17 @@ from typing import Any
 
 from lanewise.report.provenance import machine, versions
 from lanewise.runs import metrics, shelf, trained
+from lanewise.training import host
 
 KEPT = ("run.json", "settings.toml", "controller.json", "controller.safetensors")
 
 
 def main() -> None:
     """Copy the run and write its provenance."""
-    run, name = Path(sys.argv[1]), sys.argv[2]
+    source, name = Path(sys.argv[1]), sys.argv[2]
+    runs = [source] if (source / "run.json").exists() else sorted(source.glob("seed-*"))
+    found = {run: chosen_by(run) for run in runs}
+    run = max(runs, key=lambda run: merit(last(found[run])))
     controller = trained.load(run)
     target = shelf.PRETRAINED / name
     target.mkdir(parents=True, exist_ok=True)
@@ -32,7 +38,8 @@ def main() -> None:
         "controller": controller.name,
         "seed": controller.seed,
         "training": json.loads((run / "run.json").read_text()),
-        "validation": chosen_by(run),
+        "validation": found[run],
+        "candidates": {run.name: last(stages) for run, stages in found.items()},
         "tests": {path.stem: json.loads(path.read_text()) for path in run.glob("tests/*.json")},
         "versions": versions(),
         "machine": machine(),
@@ -40,10 +47,10 @@ def main() -> None:
     }
     (target / "provenance.json").write_text(json.dumps(story, indent=1) + "\n")
     size = sum(path.stat().st_size for path in target.iterdir()) / 1e6
-    sys.stdout.write(f"{target}: {size:.1f} MB\n")
+    sys.stdout.write(f"{run} to {target}: {size:.1f} MB\n")
 
 
-def chosen_by(run: Path) -> dict[str, Any]:
+def chosen_by(run: Path) -> dict[str, dict[str, Any]]:
     """The validation figures of the weights each stage kept, by stage."""
     found = {}
     for line in metrics.read(run / "metrics.jsonl"):
@@ -52,6 +59,17 @@ def chosen_by(run: Path) -> dict[str, Any]:
                 name: value for name, value in line.items() if name.startswith("validation")
             }
     return found
+
+
+def last(stages: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """The figures of the last stage."""
+    return list(stages.values())[-1]
+
+
+def merit(validation: dict[str, Any]) -> float:
+    """As training chooses between its own weights."""
+    names = ("success_rate", "accident_rate", "reward")
+    return host.merit(*(validation[f"validation_{name}"] for name in names))
 
 
 if __name__ == "__main__":

@@ -159,12 +159,17 @@ def _score(plan: StagePlan, ledger: Ledger, validation: Episodes | None) -> tupl
     """Score of the current weights by the stage's rule; empty where the rule has nothing to say."""
     keep = plan.course.budget.keep
     if keep == "best-validation" and validation is not None:
-        accidents = validation.accident > 0
-        reward = float(np.mean(validation.accumulated_reward))
-        return (float(np.mean(validation.success) - np.mean(accidents)) + reward / REWARD_SCALE,)
+        success, accidents = np.mean(validation.success), np.mean(validation.accident > 0)
+        reward = np.mean(validation.accumulated_reward)
+        return (merit(float(success), float(accidents), float(reward)),)
     if keep == "best-training" and len(ledger.recent) == RECENT:
         return (float(np.mean(ledger.recent)),)
     return ()
+
+
+def merit(success_rate: float, accident_rate: float, reward: float) -> float:
+    """What weights are worth by their validation: success first, then reward (row 27)."""
+    return success_rate - accident_rate + reward / REWARD_SCALE
 
 
 def _episode_lines(plan: StagePlan, ledger: Ledger, finished: Finished) -> list[dict[str, Any]]:
