@@ -167,3 +167,6 @@ def test_the_two_steps_say_their_settings():
     assert "otherwise after 1000 s" in other  # in step 1 the critic always holds the goal
     assert "otherwise at the next decision" in other
     assert "Delta v|$ / 2" not in other
+    settings = compose(flags={"low_level.tracking_weight": 0.0, "low_level.approach_weight": 5.0})
+    paid = "reward + 5 \N{MULTIPLICATION SIGN} fall of ($|\\Delta d|$ / 4 m"
+    assert paid in text_of(two_steps.draw(settings))

@@ -106,11 +106,12 @@ def features_at(state, count):
     return [float(ego.x[0]), float(ego.y[0]), float(ego.speed[0]), float(count)]
 
 
-def pay(how, outcome, speed):
-    """What a level is paid for a decision, worked out by hand."""
+def pay(how, outcome, before, speed):
+    """What a level is paid for a decision between two speeds, worked out by hand."""
     reward = how.external_weight * float(outcome.reward)
     if not outcome.terminated:
         reward -= how.tracking_weight * speed / 10.0
+        reward += how.approach_weight * (before - speed) / 10.0
         reward += how.goal_reward if speed >= REACHED else 0.0
     return reward
 
@@ -122,8 +123,9 @@ def plain_episode(course, first):
     while not outcomes or not (outcomes[-1].terminated or outcomes[-1].truncated):
         seen.append(features_at(state, len(rewards)))
         action = jnp.int32(course.controller.action)
+        before = float(state.world.vehicles.speed[0])
         state, outcome = EPISODE_STEP(state, action, course.budget.duration)
-        rewards.append(pay(how, outcome, float(state.world.vehicles.speed[0])))
+        rewards.append(pay(how, outcome, before, float(state.world.vehicles.speed[0])))
         outcomes.append(outcome)
     return [*seen, features_at(state, len(rewards))], rewards, outcomes
 
@@ -169,6 +171,7 @@ VARIANTS = [
     {"duration": 40, "discount_across_goal": "per-decision", "tracking_weight": 0.5},
     {"duration": 7, "tracking_weight": 0.5},
     {"duration": 7, "time_out": "terminal"},
+    {"duration": 40, "approach_weight": 3.0, "tracking_weight": 0.5},
     {"duration": 40, "returns": 3},
     {"duration": 8, "returns": 2, "discount_across_goal": "per-decision"},
     {"duration": 8, "returns": 5, "time_out": "terminal"},

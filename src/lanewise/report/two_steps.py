@@ -62,15 +62,21 @@ def _first(axes: Axes, base: float, settings: Settings) -> None:
 def _second(axes: Axes, base: float, settings: Settings) -> None:
     stage = settings.low_level
     paid = "reward"
+    lateral, speed = number(goals.LATERAL_RANGE), number(goals.SPEED_RANGE)
+    distance = f"($|\\Delta d|$ / {lateral} m + $|\\Delta v|$ / {speed} m/s)"
     if stage.tracking_weight:
-        weight = f"{number(stage.tracking_weight)} {TIMES} " if stage.tracking_weight != 1.0 else ""
-        lateral, speed = number(goals.LATERAL_RANGE), number(goals.SPEED_RANGE)
-        paid += f" {MINUS} {weight}($|\\Delta d|$ / {lateral} m + $|\\Delta v|$ / {speed} m/s)"
+        paid += f" {MINUS} {_factor(stage.tracking_weight)}{distance}"
+    if stage.approach_weight:
+        paid += f" + {_factor(stage.approach_weight)}fall of {distance}"
     high = Part(Kind.FROZEN, "high-level controller", control_loop.high_level(settings))
     low = Part(Kind.LEARNS, "low-level controller", control_loop.low_level(settings), True)
     critic = control_loop.critic(settings.goals, settings.goals.training_renewal)
     control_loop.draw(axes, base, high, low, settings, Loop(critic, paid))
     _title(axes, base, f"Step 2: the low level learns, {_budget(stage)}")
+
+
+def _factor(weight: float) -> str:
+    return "" if weight == 1.0 else f"{number(weight)} {TIMES} "
 
 
 def _title(axes: Axes, base: float, text: str) -> None:

@@ -147,6 +147,7 @@ def step(
     controller = course.controller
 
     pending, memory = _choose(course, parameters, rollout, epsilon, explore_key)
+    before = controller.feedback(memory, rollout.percept).distance
     action, memory = controller.act(memory, rollout.percept)
     state, outcome = episode.step(course.driving, rollout.episode, action, course.budget.duration)
     seen = percept.of(course.driving.observation, state.world)
@@ -155,7 +156,7 @@ def step(
 
     emitted = {}
     for name, how in course.learning:
-        pending[name] = transitions.gather(how, pending[name], outcome, feedback)
+        pending[name] = transitions.gather(how, pending[name], outcome, feedback, before)
         level = course.level(name)
         emitted[name] = transitions.emit(
             how, pending[name], outcome, feedback, level.features(memory, seen), level.ready(memory)

@@ -44,6 +44,9 @@ class LevelSettings:
     tracking_weight: Annotated[float, Between(0.0, 1000.0)] = 0.0
     """Row 21: weight w of the goal-tracking term -w (|dd|/4 m + |dv|/2 m/s), meant for the low
     level; 0 is the paper's external reward only."""
+    approach_weight: Annotated[float, Between(0.0, 1000.0)] = 0.0
+    """Weight of the approach to the goal: its distance, as in the tracking term, before a decision
+    minus after it. A goal that is far costs nothing, so it does not pay to avoid such goals."""
     goal_reward: Annotated[float, Between(0.0, 1000.0)] = 0.0
     """Reward for the decision that reaches the goal (h-DQN), meant for the low level."""
     goal_end: Annotated[str, OneOf(("bootstrap", "terminal"))] = "bootstrap"

@@ -72,17 +72,29 @@ def push(pending: Pending, features: Array, choice: Array) -> Pending:
     )
 
 
-def gather(how: LevelSettings, pending: Pending, outcome: Outcome, feedback: Feedback) -> Pending:
+def gather(
+    how: LevelSettings, pending: Pending, outcome: Outcome, feedback: Feedback, before: Array
+) -> Pending:
     """Add a decision's reward to every pending choice.
 
-    r = w_e * external + w_g * [goal reached] - w_t * distance from the goal (row 21), where an
-    accident leaves the first term alone. It counts gamma^i for the choice i choices back, or
-    gamma^k k decisions after it if gamma counts per decision (row 14).
+    r = w_e * external + w_g * [goal reached] - w_t * distance from the goal (row 21)
+    + w_a * (distance before - distance), where an accident leaves the first term alone. It counts
+    gamma^i for the choice i choices back, or gamma^k k decisions after it if gamma counts per
+    decision (row 14).
+
+    Args:
+        how: the weights.
+        pending: the choices.
+        outcome: of the decision.
+        feedback: after it, of the goal it was made under.
+        before: [] distance from that goal before the decision.
     """
     alive = ~outcome.terminated
     tracking = jnp.where(alive, how.tracking_weight * feedback.distance, 0.0)
     goal = jnp.where(alive & feedback.reached, how.goal_reward, 0.0)
     reward = how.external_weight * outcome.reward - tracking + goal
+    if how.approach_weight:
+        reward += jnp.where(alive, how.approach_weight * (before - feedback.distance), 0.0)
     weight = pending.discount
     if how.discount_across_goal == "per-goal":
         weight = _per_choice(how, 0)
