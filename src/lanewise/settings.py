@@ -81,14 +81,55 @@ def _under(names: tuple[str, ...], values: Mapping[str, object]) -> dict[str, ob
     return {f"{name}.{leaf}": value for name in names for leaf, value in values.items()}
 
 
+_RANGES: dict[str, object] = {
+    "scenario.training_ego_speed": (8.0, 13.0),
+    "scenario.training_trap_speed": (8.0, 11.0),
+    "scenario.training_lanes": (3, 5),
+    "scenario.training_front_distance": (14.0, 17.2),
+    "scenario.training_side_distance": (3.2, 8.3),
+    "evaluation.validation_episodes": 400,
+    "evaluation.validation_interval": 4,
+}
+_WIDE_BUDGET: dict[str, object] = {"worlds": 64}
+# Less noise in each update: half as many for every decision, each over twice as many transitions.
+_WIDE_LEVEL: dict[str, object] = {
+    "updates_per_step": 0.0625,
+    "learner.discount": 0.9,
+    "learner.batch_size": 128,
+    "learner.replay_capacity": 200_000,
+}
+
 PRESETS: dict[str, dict[str, object]] = {
     "quick": {},
     "paper": _under((*STAGES, "h_dqn"), _PAPER_BUDGET)
     | _under((*STAGES, "h_dqn.high_level", "h_dqn.low_level"), _PAPER_LEVEL)
     | _under(("single_level", "low_level", "h_dqn"), {"episodes": 2000, "keep": "last"})
     | _under(("high_level",), {"episodes": 1000, "keep": "best-training"}),
+    "ranges": _RANGES
+    | _under((*STAGES, "h_dqn"), _WIDE_BUDGET)
+    | _under((*STAGES, "h_dqn.high_level", "h_dqn.low_level"), _WIDE_LEVEL)
+    | {
+        "high_level.decisions": 640_000,
+        "high_level.duration": 120,
+        "high_level.exploration.steps": 100_000,
+        "high_level.learner.learning_rate_decay": 40_000,
+        "low_level.decisions": 480_000,
+        "low_level.exploration.steps": 60_000,
+        "low_level.learner.learning_rate_decay": 30_000,
+        "low_level.tracking_weight": 0.0,
+        "low_level.approach_weight": 5.0,
+    }
+    | _under(("single_level", "h_dqn"), {"decisions": 1_120_000, "duration": 120})
+    | _under(
+        ("single_level", "h_dqn.high_level", "h_dqn.low_level"),
+        {"exploration.steps": 100_000, "learner.learning_rate_decay": 70_000},
+    ),
 }
-"""Training presets: what each changes in the defaults."""
+"""Training presets: what each changes in the defaults.
+
+``quick`` and ``paper`` train on the paper's ranges of D1 and D2; ``ranges`` also over ego speeds,
+trap speeds and numbers of lanes (docs/ranges.md).
+"""
 
 TRAPS: dict[str, dict[str, object]] = {
     "trap-10": {},
