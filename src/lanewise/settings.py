@@ -117,7 +117,8 @@ PRESETS: dict[str, dict[str, object]] = {
         "low_level.exploration.steps": 60_000,
         "low_level.learner.learning_rate_decay": 30_000,
         "low_level.tracking_weight": 0.0,
-        "low_level.approach_weight": 5.0,
+        "low_level.approach_weight": 3.0,
+        "low_level.learner.discount": 0.95,
     }
     | _under(("single_level", "h_dqn"), {"decisions": 1_120_000, "duration": 120})
     | _under(
