@@ -92,7 +92,7 @@ def run(parsed: Parsed[Sweep]) -> int:
     from lanewise.runs import trained
 
     controller = trained.load(command.run)
-    journal = _open(command.out / JOURNAL, _identity(command, folder))
+    journal = _open(command.out / JOURNAL, _identity(command, folder, trained.fingerprint(folder)))
     with journal.file, Progress() as reporter:
         _work(command, grid, controller, journal, reporter)
     _report(command, grid, folder, journal)
@@ -153,11 +153,9 @@ def _successes(outcomes: list[Outcome]) -> float:
     return sum(o.successes for o in outcomes) / sum(o.episodes for o in outcomes)
 
 
-def _identity(command: Sweep, folder: RunFolder) -> dict[str, Any]:
+def _identity(command: Sweep, folder: RunFolder, weights: str) -> dict[str, Any]:
     """What must be the same for a journal to be continued."""
     asked = {name: value for name, value in vars(command).items() if name not in ("run", "out")}
-    # The weights stand for the controller, its settings and all of its training.
-    weights = json.loads((folder.path / "controller.json").read_text("utf-8"))["sha256"]
     plain = {"kind": "Sweep", "controller": folder.controller, "weights": weights, **asked}
     same: dict[str, Any] = json.loads(json.dumps(plain))
     return same

@@ -1,5 +1,6 @@
 """Trained controllers on disk: what a stage hands on, and the finished controller of a run."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -60,6 +61,12 @@ def load(path: Path) -> Trained:
     stored = checkpoint.load(folder.path, CONTROLLER, tree.shapes(blank), folder.digest)
     parameters: Parameters = tree.unflatten(blank, stored.arrays)
     return Trained(folder.controller, folder.settings, folder.seed, parameters)
+
+
+def fingerprint(folder: RunFolder) -> str:
+    """Digest of a finished run's weights: it stands for all of the training behind them."""
+    manifest = json.loads((folder.path / f"{CONTROLLER}.json").read_text("utf-8"))
+    return str(manifest["sha256"])
 
 
 def save_controller(folder: RunFolder, parameters: Parameters) -> None:
