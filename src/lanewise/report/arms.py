@@ -231,10 +231,8 @@ def _estimate(metric: Metric, estimate: Estimate) -> str:
     return f"{shown} {bounds(metric, estimate.interval)}" if known else shown
 
 
-def _improvement(
-    scores: Sequence[float], held: ArmFigures | None, world: str, metric: Metric
-) -> str:
-    others = held.values(world, metric.name) if held is not None else []
+def _improvement(scores: Sequence[float], held: ArmFigures, world: str, metric: Metric) -> str:
+    others = held.values(world, metric.name)
     if not others:
         return "-"
     value = aggregates.probability_of_improvement(scores, others)
