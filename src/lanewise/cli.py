@@ -105,8 +105,5 @@ def _how_to_resume(words: list[str]) -> str:
         return "; the same command continues it"
     if words[:1] != ["train"]:
         return ""
-    command: train.Train = parse(train.Train, words[1:]).command
-    again = ["lanewise", "train", command.controller, "--out", str(command.out)]
-    if command.high_level is not None and not (command.out / "stages").exists():
-        again += ["--high-level", str(command.high_level)]  # not taken over yet
-    return f"; continue with:\n  {shlex.join([*again, '--resume'])}"
+    again = train.resuming(parse(train.Train, words[1:]).command)
+    return f"; continue with:\n  {shlex.join(['lanewise', *again])}"

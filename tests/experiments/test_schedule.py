@@ -170,6 +170,24 @@ def test_the_users_own_cache_of_compiled_programs_is_used(monkeypatch, tmp_path)
     assert tmp_path.exists()
 
 
+@pytest.mark.slow
+def test_a_program_compiled_elsewhere_gives_the_same_bits(tiny, tmp_path, monkeypatch):
+    """The first run compiles and keeps the programs, the second takes them from there."""
+    monkeypatch.setenv(schedule.COMPILED, str(tmp_path / "compiled"))
+    found, _ = tiny
+    written, kept = [], []
+    for name in ("first", "second"):
+        jobs = results.jobs(found, tmp_path / name, 5, "trap-10", TINY)
+        planned = next(job for job in jobs if job.label == "planned, seed 5")
+        schedule.run([planned], 1, io.StringIO())
+        weights = trained.load(planned.path).parameters
+        metrics = RunFolder.open(planned.path).metrics.read_bytes()
+        written.append((metrics, [leaf.tobytes() for leaf in jax.tree.leaves(weights)]))
+        kept.append({path.name for path in (tmp_path / "compiled").glob("*-cache")})
+    assert kept[0] == kept[1] != set()
+    assert written[0] == written[1]
+
+
 ORPHANS = """
 import os, time
 from lanewise.experiments import schedule

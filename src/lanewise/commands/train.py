@@ -9,7 +9,7 @@ from lanewise.commands.arguments import Parsed
 from lanewise.errors import RunError
 from lanewise.progress import Progress
 from lanewise.ranges import Between, OneOf
-from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1, RunFolder
+from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1, RunFolder, stages_of
 from lanewise.settings import PRESETS, TRAPS, Settings
 
 SEEDS = Between(0, 2**31 - 1)
@@ -67,6 +67,14 @@ def run(parsed: Parsed[Train]) -> int:
             train(folder, command.high_level, reporter)
         sys.stderr.write(f"finished: {folder.path}; lanewise evaluate {folder.path} tests it\n")
     return 0
+
+
+def resuming(command: Train) -> list[str]:
+    """The words of the command line that continue this training."""
+    words = ["train", command.controller, "--out", str(command.out)]
+    if command.high_level is not None and not stages_of(command.out).exists():
+        words += ["--high-level", str(command.high_level)]  # not taken over yet
+    return [*words, "--resume"]
 
 
 def _folder(parsed: Parsed[Train]) -> RunFolder:

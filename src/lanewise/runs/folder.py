@@ -128,6 +128,11 @@ class RunFolder:
         return self.path / "metrics.jsonl"
 
     @property
+    def stages(self) -> Path:
+        """Where finished stages leave what they hand on; made by the first of them."""
+        return stages_of(self.path)
+
+    @property
     def timings(self) -> Path:
         """The file of wall-clock times."""
         return self.path / "timings.jsonl"
@@ -164,6 +169,11 @@ class RunFolder:
             "run.json": (json.dumps(manifest, indent=2) + "\n").encode(),
         }
         write_atomically(self.path, contents)
+
+
+def stages_of(path: Path) -> Path:
+    """Where the finished stages of the run in a folder lie, once there are any."""
+    return path / "stages"
 
 
 def require_empty(path: Path) -> None:

@@ -77,7 +77,7 @@ def save_controller(folder: RunFolder, parameters: Parameters) -> None:
 
 def has_stage(folder: RunFolder, name: str) -> bool:
     """Whether a stage is complete."""
-    return (_directory(folder) / f"{name}.json").exists()
+    return (folder.stages / f"{name}.json").exists()
 
 
 def finished_stages(folder: RunFolder) -> list[Stage]:
@@ -87,7 +87,7 @@ def finished_stages(folder: RunFolder) -> list[Stage]:
 
 def metrics_bytes(folder: RunFolder, stage: Stage) -> int:
     """Length of the metrics file when a complete stage ended."""
-    stored = checkpoint.load(_directory(folder), stage.name, None, folder.digest)
+    stored = checkpoint.load(folder.stages, stage.name, None, folder.digest)
     return int(stored.meta["metrics_bytes"])
 
 
@@ -95,13 +95,13 @@ def save_stage(
     folder: RunFolder, stage: Stage, parameters: Parameters, meta: dict[str, Any]
 ) -> None:
     """Store what a stage hands on: the parameters of the levels that learnt in it."""
-    checkpoint.save(_directory(folder), stage.name, tree.flatten(parameters), meta, folder.digest)
+    checkpoint.save(folder.stages, stage.name, tree.flatten(parameters), meta, folder.digest)
 
 
 def load_stage(folder: RunFolder, stage: Stage) -> Parameters:
     """What a stage handed on."""
     blank = blank_networks(folder, stage)
-    stored = checkpoint.load(_directory(folder), stage.name, tree.shapes(blank), folder.digest)
+    stored = checkpoint.load(folder.stages, stage.name, tree.shapes(blank), folder.digest)
     parameters: Parameters = tree.unflatten(blank, stored.arrays)
     return parameters
 
@@ -163,7 +163,3 @@ def blank_networks(folder: RunFolder, stage: Stage) -> Parameters:
 
 def _stages(folder: RunFolder) -> tuple[Stage, ...]:
     return recipe.RECIPES[folder.controller]
-
-
-def _directory(folder: RunFolder) -> Path:
-    return folder.path / "stages"
