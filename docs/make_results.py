@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "results"
 BEGIN, END = "<!-- results -->", "<!-- /results -->"
 STANDARD = "standard/report.json"
-READINGS, TRAINING, WORLD = "readings.json", "training.json", "world.json"
+READINGS, TRAINING, WORLD = "readings/report.json", "training.json", "world.json"
 WORLDS = {"lanewise": "here", "highway-env": "in the real highway-env"}
 HEADLINE = ("hierarchical", "h-dqn", "single-level", "rule-based", "search")
 """Arms of the README's table; the others are in `docs/results.md`."""
@@ -169,33 +169,30 @@ def _fastest(world: Any) -> tuple[float, float]:
     return max(rates), world["highway_env"]["decisions_per_second"]
 
 
-def _readings(study: Any) -> str:
+def _readings(report: Any) -> str:
     """The literal readings beside the default."""
     lines = [
         "",
         "## Which readings carry the claim",
         "",
-        f"`{study['command']}` ({study['date'][:10]}).",
-        "Each arm changes the default of that commit in the settings named, all else equal: goals",
-        "were then held by the critic, so that *row 22a+b* is today's default. Means over seeds of",
-        "300 test episodes, success seed by seed. Arms that differ in step 2 or in tests alone",
-        "take over step 1 of the default's run.",
+        f"`{report['command']}` ({report['date'][:10]}). Each arm changes the settings named, all",
+        "else equal; arms that differ in step 2 or in tests alone take over the default's step 1",
+        "runs. Means over seeds of the test episodes here, success seed by seed.",
         "",
         "| reading | settings | success of each seed | " + " | ".join(c[1] for c in COLUMNS) + " |",
         "|---|---|---|" + "---:|" * len(COLUMNS),
     ]
-    for arm in dict.fromkeys(row["arm"] for row in study["rows"]):
-        rows = [row for row in study["rows"] if row["arm"] == arm]
-        flags = ((name.replace("_", "-"), value) for name, value in rows[0]["changes"].items())
+    for arm in report["arms"]:
+        tests = [seed["tests"]["lanewise"] for seed in arm["seeds"]]
+        flags = ((name.replace("_", "-"), value) for name, value in arm["changes"].items())
         changes = ", ".join(f"`--{name} {value}`" for name, value in flags)
-        seeds = ", ".join(f"{100 * row['lanewise']['success_rate']:.1f}" for row in rows)
-        figures = _line([row["lanewise"] for row in rows])
-        lines.append(f"| {arm} | {changes} | {seeds} | {figures} |")
+        seeds = ", ".join(f"{100 * test['success_rate']:.1f}" for test in tests)
+        lines.append(f"| {arm['title']} | {changes} | {seeds} | {_line(tests)} |")
     return "\n".join(lines) + "\n"
 
 
-def _line(group: Rows) -> str:
-    return " | ".join(f"{mean(r[k] for r in group) * s:.{d}f}{u}" for k, _, s, d, u in COLUMNS)
+def _line(tests: Rows) -> str:
+    return " | ".join(f"{mean(t[k] for t in tests) * s:.{d}f}{u}" for k, _, s, d, u in COLUMNS)
 
 
 if __name__ == "__main__":
