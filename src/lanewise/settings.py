@@ -82,8 +82,8 @@ def _under(names: tuple[str, ...], values: Mapping[str, object]) -> dict[str, ob
 
 
 _RANGES: dict[str, object] = {
-    "scenario.training_ego_speed": (8.0, 13.0),
-    "scenario.training_trap_speed": (8.0, 11.0),
+    "scenario.training_ego_speed": (7.5, 13.5),
+    "scenario.training_trap_speed": (7.5, 11.5),
     "scenario.training_lanes": (3, 5),
     "scenario.training_front_distance": (14.0, 17.2),
     "scenario.training_side_distance": (3.2, 8.3),
@@ -113,17 +113,17 @@ PRESETS: dict[str, dict[str, object]] = {
         "high_level.duration": 120,
         "high_level.exploration.steps": 100_000,
         "high_level.learner.learning_rate_decay": 40_000,
-        "low_level.decisions": 480_000,
+        "low_level.decisions": 960_000,
         "low_level.exploration.steps": 60_000,
-        "low_level.learner.learning_rate_decay": 30_000,
+        "low_level.learner.learning_rate_decay": 60_000,
         "low_level.tracking_weight": 0.0,
         "low_level.approach_weight": 3.0,
         "low_level.learner.discount": 0.95,
     }
-    | _under(("single_level", "h_dqn"), {"decisions": 1_120_000, "duration": 120})
+    | _under(("single_level", "h_dqn"), {"decisions": 1_600_000, "duration": 120})
     | _under(
         ("single_level", "h_dqn.high_level", "h_dqn.low_level"),
-        {"exploration.steps": 100_000, "learner.learning_rate_decay": 70_000},
+        {"exploration.steps": 100_000, "learner.learning_rate_decay": 100_000},
     ),
 }
 """Training presets: what each changes in the defaults.
