@@ -17,6 +17,7 @@ RESULTS = ROOT / "results"
 BEGIN, END = "<!-- results -->", "<!-- /results -->"
 STANDARD = "standard/report.json"
 READINGS, TRAINING, WORLD = "readings/report.json", "training.json", "world.json"
+MAP = "ranges/wide/map.json"
 WORLDS = {"lanewise": "here", "highway-env": "in the real highway-env"}
 HEADLINE = (
     *("planned", "hierarchical", "h-dqn"),
@@ -51,7 +52,13 @@ def pages() -> dict[Path, str]:
     readme = ROOT / "README.md"
     head, rest = readme.read_text().split(BEGIN)
     tail = rest.split(END)[1]
-    summary = _summary(standard) + "\n" + _speed(_read(WORLD), _read(TRAINING))
+    summary = (
+        _summary(standard)
+        + "\n"
+        + _beyond(_read(MAP))
+        + "\n"
+        + _speed(_read(WORLD), _read(TRAINING))
+    )
     return {
         readme: head + BEGIN + "\n\n" + summary + "\n" + END + tail,
         ROOT / "docs" / "results.md": _details(standard) + _readings(_read(READINGS)),
@@ -129,6 +136,20 @@ def _is_it_the_hierarchy(report: Any) -> str:
         f"{len(success['single-level-discount-97'])} seeds each {longer} escape, and "
         f"{len(escaping['single-level-5-step'])} with 5-step returns. The search shows what "
         f"there is to earn: {mean(reward['search']):.2f}."
+    )
+
+
+def _beyond(found: Any) -> str:
+    """One paragraph and a picture on the grid of starts."""
+    every, winnable = found["totals"]["all"], found["totals"]["winnable"]
+    return (
+        f"**Beyond the single start**: one controller trained over ranges of speeds, lanes and "
+        f"distances escapes from {100 * winnable['success_rate']:.1f} % of the "
+        f"{winnable['starts']:,} winnable starts of a grid ({100 * every['success_rate']:.1f} % of "
+        f"all {every['starts']:,}; {found['episodes_per_start']} episodes each). Where it breaks, "
+        "and why, is in [docs/ranges.md](docs/ranges.md).\n\n"
+        "![Success and accidents by ego speed, trap speed and lanes]"
+        "(results/ranges/wide/map.png)\n"
     )
 
 
