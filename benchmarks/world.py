@@ -63,9 +63,9 @@ def theirs_main(seconds, seed, barrier):
     ended, decisions, resets, index = np.zeros(5, np.int64), 0, 0.0, 0
     began = time.perf_counter()
     while decisions == 0 or time.perf_counter() - began < seconds:
-        fresh = time.perf_counter()
+        asked = time.perf_counter()
         env = live(starts[index % len(starts)][0])
-        resets += time.perf_counter() - fresh
+        resets += time.perf_counter() - asked
         accident = accidents.NONE
         for action in starts[index % len(starts)][1]:
             accident = their_step(env, action)
@@ -108,26 +108,38 @@ def begin(worlds, seed):
     import jax
     import jax.numpy as jnp
 
-    index = jnp.arange(worlds)
-    features = jnp.zeros((worlds, 26), jnp.float32)
-    return jax.vmap(partial(fresh_episode, seed))(index), index, features
+    return jax.vmap(partial(fresh, seed))(jnp.arange(worlds))
+
+
+def fresh(seed, index):
+    """A world at its start: (episode, number of the start, observation)."""
+    from lanewise.driving import percept
+
+    begun = fresh_episode(seed, index)
+    return begun, index, percept.of(settings().driving.observation, begun.world).features
 
 
 def chunk(worlds, seed, state):
     """`CHUNK` decisions in every world: (state, episodes by accident, the last truncated)."""
     import jax
 
+    from lanewise.driving import restart
+
     def one(carry, _):
-        carry, counts = jax.vmap(partial(decide, worlds, seed))(*carry)
-        return carry, counts.sum(0)
+        after, counts = jax.vmap(partial(decide, seed))(*carry)
+        _, index, _ = after
+
+        def anew(over):
+            return jax.vmap(partial(fresh, seed))(index[over] + worlds)
+
+        return restart.where(counts.any(1), after, anew), counts.sum(0)
 
     state, counts = jax.lax.scan(one, state, length=CHUNK)
     return state, counts.sum(0)
 
 
-def decide(worlds, seed, before, index, _features):
-    """One decision in one world, its observation, and a fresh start if it was the last."""
-    import jax
+def decide(seed, before, index, _features):
+    """One decision in one world and its observation: (world, how its episode ended)."""
     import jax.numpy as jnp
 
     from lanewise.driving import episode, percept
@@ -135,12 +147,9 @@ def decide(worlds, seed, before, index, _features):
     driving = settings().driving
     action = action_of(seed, index, before.decisions)
     after, outcome = episode.step(driving, before, action, DURATION)
-    done = outcome.terminated | outcome.truncated
-    index = jnp.where(done, index + worlds, index)
-    fresh = fresh_episode(seed, index)
-    after = jax.tree.map(lambda new, old: jnp.where(done, new, old), fresh, after)
     features = percept.of(driving.observation, after.world).features
     code = jnp.where(outcome.truncated, 4, outcome.accident)
+    done = outcome.terminated | outcome.truncated
     return (after, index, features), (jnp.arange(5) == code) & done
 
 

@@ -91,8 +91,11 @@ def drive(course, parameters, decisions, epsilon):
     everywhere = {name: jnp.float32(epsilon) for name, _ in course.learning}
 
     def step(state, key):
-        after, *rest = rollout.step(course, parameters, state, everywhere, key)
-        return after, (after, *rest)
+        key, start_key = jax.random.split(key)
+        after, emitted, finished = rollout.step(course, parameters, state, everywhere, key)
+        fresh = rollout.begin(course, parameters, start_key)
+        after = jax.tree.map(partial(jnp.where, finished.done), fresh, after)
+        return after, (after, emitted, finished)
 
     keys = jax.random.split(jax.random.key(6), decisions)
     return first, jax.lax.scan(step, first, keys)[1]

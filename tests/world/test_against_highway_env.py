@@ -1,7 +1,10 @@
 """Each function against highway-env's own, in float64."""
 
+from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -86,23 +89,20 @@ def test_neighbours(make_world, count):
     x = rng.permutation(np.repeat(rng.uniform(0, 200, count // 2), 2))
     world = make_world(x, lane, y=lane * 4.0 + rng.uniform(-2, 2, count))
     env = build_env(world)
-    order = neighbours.sort(world.vehicles.x)
-    found = neighbours.search(
-        world,
-        motion.observe(world),
-        jnp.broadcast_to(jnp.arange(3)[:, None], (3, count)),
-    )
-    assert sorted(order.place.tolist()) == list(range(count))
+    seen = motion.observe(world)
     everyone = env.road.vehicles
-    for q in range(3):
+    order = neighbours.sort(world.vehicles.x)
+    assert sorted(order.place.tolist()) == list(range(count))
+    everywhere = neighbours.search(world, seen, [jnp.full(count, q) for q in range(3)])
+    for q, found in enumerate(everywhere):
         for i, vehicle in enumerate(everyone):
             front, rear = env.road.neighbour_vehicles(vehicle, ("0", "1", q))
-            assert bool(found.front.exists[q, i]) == (front is not None)
-            assert bool(found.rear.exists[q, i]) == (rear is not None)
+            assert bool(found.front.exists[i]) == (front is not None)
+            assert bool(found.rear.exists[i]) == (rear is not None)
             if front is not None:
-                assert found.front.x[q, i] == front.position[0]
+                assert found.front.x[i] == front.position[0]
             if rear is not None:
-                assert found.rear.x[q, i] == rear.position[0]
+                assert found.rear.x[i] == rear.position[0]
 
 
 def test_idm(scene):
@@ -205,6 +205,27 @@ def test_many_ticks_equal_one_by_one(scene):
     for _ in range(3):
         world = tick.tick(world, 0.1)
     np.testing.assert_allclose(together.vehicles.x, world.vehicles.x, rtol=1e-14)
+
+
+def test_batched_worlds_are_the_single_ones(make_world):
+    """Worlds along the first axis or the first two, some of their leaves shared by all."""
+    rng = np.random.default_rng(0)
+    lane = rng.integers(0, 3, 10)
+    speeds = rng.uniform(5, 20, (2, 3, 10))
+    worlds = [[make_world(np.arange(10) * 14.0, lane, speed) for speed in row] for row in speeds]
+    singles = [[tick.run(world, 0.1, 40) for world in row] for row in worlds]
+    assert any(bool(world.vehicles.crashed.any()) for row in singles for world in row)
+    shared = worlds[0][0]
+    axes = jax.tree.map(lambda _: None, shared)
+    axes = replace(axes, vehicles=replace(axes.vehicles, speed=0))
+    together = replace(shared, vehicles=replace(shared.vehicles, speed=jnp.array(speeds)))
+    each = jax.vmap(lambda world: tick.run(world, 0.1, 40), in_axes=(axes,))
+    found = jax.vmap(each, in_axes=(axes,))(together).vehicles
+    for row, column in np.ndindex(2, 3):
+        mine = jax.tree.map(lambda leaf, at=(row, column): leaf[at], found)
+        jax.tree.map(
+            partial(np.testing.assert_allclose, atol=1e-9), mine, singles[row][column].vehicles
+        )
 
 
 @pytest.mark.parametrize("count", [1, 31, 32, 33, 64, 70])

@@ -130,23 +130,21 @@ def step(
     epsilon: dict[str, Array],
     key: Array,
 ) -> tuple[Rollout, dict[str, Emitted], Finished]:
-    """One decision with exploration; an episode that ends is replaced by a fresh one.
+    """One decision with exploration; a world whose episode ends is to be begun anew.
 
     Args:
         course: static settings.
         parameters: of all levels; those of levels that learn are the online ones.
         rollout: the world under way.
         epsilon: by level that learns, [] probability of a random choice.
-        key: random key of this decision in this world.
+        key: random key of this decision's exploration in this world.
 
     Returns:
         The world after the decision, what each learning level leaves for its replay, and facts
         about the episode, meaningful if it ended.
     """
-    explore_key, start_key = jax.random.split(key)
     controller = course.controller
-
-    pending, memory = _choose(course, parameters, rollout, epsilon, explore_key)
+    pending, memory = _choose(course, parameters, rollout, epsilon, key)
     before = controller.feedback(memory, rollout.percept).distance
     action, memory = controller.act(memory, rollout.percept)
     state, outcome = episode.step(course.driving, rollout.episode, action, course.budget.duration)
@@ -164,11 +162,7 @@ def step(
     tally = _count(course.driving, rollout.tally, state, outcome)
     done = outcome.terminated | outcome.truncated
     finished = _finish(state, outcome, tally, done)
-
-    after = Rollout(state, seen, memory, pending, tally)
-    fresh = begin(course, parameters, start_key)
-    after = jax.tree.map(lambda new, old: jnp.where(done, new, old), fresh, after)
-    return after, emitted, finished
+    return Rollout(state, seen, memory, pending, tally), emitted, finished
 
 
 def _settle(course: Course, parameters: Parameters, memory: Any, seen: Percept) -> Any:

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from lanewise.controllers.controller import Parameters
+from lanewise.driving import restart
 from lanewise.learning import exploration, learner, replay
 from lanewise.learning.learner import Learner
 from lanewise.learning.replay import Replay
@@ -182,9 +183,15 @@ def _drive(
     parameters = frozen | online(state.learners)
     worlds = course.budget.worlds
     now = {name: epsilon(how, worlds, state.iteration) for name, how in course.learning}
+    keys, start_keys = jax.vmap(jax.random.split, out_axes=1)(jax.random.split(key, worlds))
     rollouts, emitted, finished = jax.vmap(
         lambda world, world_key: rollout.step(course, parameters, world, now, world_key)
-    )(state.rollouts, jax.random.split(key, worlds))
+    )(state.rollouts, keys)
+    rollouts = restart.where(
+        finished.done,
+        rollouts,
+        lambda over: jax.vmap(partial(rollout.begin, course, parameters))(start_keys[over]),
+    )
     replays = {name: _add(state.replays[name], emitted[name]) for name, _ in course.learning}
     after = replace(state, iteration=state.iteration + 1, replays=replays, rollouts=rollouts)
     return after, finished

@@ -14,7 +14,8 @@ from jax.typing import ArrayLike
 
 from lanewise.world import sets
 from lanewise.world.boxes import Box, of_vehicles, overlap
-from lanewise.world.state import World
+from lanewise.world.once import once
+from lanewise.world.state import World, numbered
 
 SLACK = 1e-3
 """By this much, m, the quick test is more generous than the exact one, against rounding."""
@@ -35,7 +36,7 @@ def may_touch(boxes: Box, other: int, duration: ArrayLike) -> Array:
     """
     mine, theirs = boxes, Box(*(value[other] for value in boxes))
     apart_x, apart_y = mine.x - theirs.x, mine.y - theirs.y
-    first = jnp.arange(mine.x.shape[0]) < other
+    first = numbered(mine.x) < other
     speed = jnp.where(first, mine.speed, theirs.speed)
     reach = mine.half_diagonal + theirs.half_diagonal + speed * duration
     near = apart_x * apart_x + apart_y * apart_y <= reach * reach * (1 + SLACK)
@@ -50,22 +51,21 @@ def may_touch(boxes: Box, other: int, duration: ArrayLike) -> Array:
     return near & ~apart
 
 
-def candidates(world: World, duration: ArrayLike) -> sets.Words:
+def candidates(world: World, boxes: Box, duration: ArrayLike) -> sets.Words:
     """The vehicles each vehicle must be tested against.
 
     A pair is tested when both are present and either checks collisions.
 
     Args:
         world: one world.
+        boxes: of its vehicles.
         duration: of the tick, s.
 
     Returns:
         For each vehicle a set of vehicles, [N].
     """
     present, checks = world.vehicles.present, world.drivers.checks_collisions
-    boxes = of_vehicles(world)
-    count = present.shape[0]
-    index = jnp.arange(count)
+    count, index = present.shape[0], numbered(present)
 
     def tested(other: int) -> Array:
         pair = present & present[other] & (checks | checks[other]) & (index != other)
@@ -102,18 +102,17 @@ def resolve(world: World, duration: ArrayLike) -> World:
         The world with `crashed` and impacts set.
     """
     vehicles = world.vehicles
-    mine = of_vehicles(world)
-    count = vehicles.x.shape[0]
-    index = jnp.arange(count)
+    mine = once(vehicles.present, lambda: of_vehicles(world))
+    count, index = vehicles.x.shape[0], numbered(vehicles.x)
 
     def meet(state: tuple[sets.Words, Outcome]) -> tuple[sets.Words, Outcome]:
         left, so_far = state
         other = sets.smallest(left)
-        theirs = Box(*(sets.member(value, other) for value in mine))
+        theirs = once(vehicles.present, lambda: Box(*(sets.pick(value, other) for value in mine)))
         first = index < other
         a = Box(*(jnp.where(first, m, t) for m, t in zip(mine, theirs, strict=True)))
         b = Box(*(jnp.where(first, t, m) for m, t in zip(mine, theirs, strict=True)))
-        pair = overlap(a, b, duration)
+        pair = once(vehicles.present, lambda: overlap(a, b, duration))
         tested = other >= 0
         hit = tested & pair.soon
         share = jnp.where(first, 0.5, -0.5).astype(vehicles.x.dtype)
@@ -125,8 +124,7 @@ def resolve(world: World, duration: ArrayLike) -> World:
         )
         return sets.without(left, sets.single(other, count)), after
 
+    met = once(vehicles.present, lambda: candidates(world, mine, duration))
     before = Outcome(vehicles.crashed, vehicles.impacted, vehicles.impact_x, vehicles.impact_y)
-    _, after = lax.while_loop(
-        lambda state: jnp.any(sets.inhabited(state[0])), meet, (candidates(world, duration), before)
-    )
+    _, after = lax.while_loop(lambda state: jnp.any(sets.inhabited(state[0])), meet, (met, before))
     return replace(world, vehicles=replace(vehicles, **after._asdict()))

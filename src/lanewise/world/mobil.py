@@ -11,7 +11,8 @@ from lanewise.world import idm, sets
 from lanewise.world import road as roads
 from lanewise.world.motion import Motion
 from lanewise.world.neighbours import Front, Neighbours, Pair, Rear
-from lanewise.world.state import RULE_BASED, World
+from lanewise.world.once import once
+from lanewise.world.state import RULE_BASED, World, numbered
 
 SLOWEST_CHANGE = 1.0
 """Nobody starts a lane change below this speed, m/s."""
@@ -132,8 +133,7 @@ def aborts(world: World, motion: Motion, chosen: Array) -> Array:
     target, lane = vehicles.target_lane, motion.lane
     considers = motion.decides & drivers.changes_lanes & (target != lane)
     rule_based = vehicles.present & (drivers.kind == RULE_BASED)
-    count = lane.shape[0]
-    index = jnp.arange(count)
+    count, index = lane.shape[0], numbered(lane)
 
     def contests(other: int) -> Array:
         rival_speed = (
@@ -145,7 +145,7 @@ def aborts(world: World, motion: Motion, chosen: Array) -> Array:
         bound_too = rule_based[other] & (seen == target) & (lane[other] != target)
         return considers & bound_too & (gap > 0) & (gap < wanted)
 
-    rivals = sets.where(count, contests)
+    rivals = once(vehicles.present, lambda: sets.where(count, contests))
     undecided = sets.both(
         sets.below(index, count), sets.where(count, lambda other: considers[other])
     )

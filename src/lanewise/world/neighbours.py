@@ -1,20 +1,18 @@
 """The nearest vehicle ahead and behind, on the lanes a driver cares about.
 
-Vehicles are ranked by position once; then a lane is a set of ranks, and the nearest vehicle on
-either side is the next member of that set.
+Vehicles are ranked by position once; then the nearest on a lane is the next rank on it.
 """
 
-from operator import itemgetter
+from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
-from jax import Array, lax
+from jax import Array
 
 from lanewise.world import road as roads
-from lanewise.world import sets
 from lanewise.world.motion import Motion
-from lanewise.world.state import World
+from lanewise.world.once import once
+from lanewise.world.state import World, numbered
 
 
 class Front(NamedTuple):
@@ -66,14 +64,12 @@ class Neighbours(NamedTuple):
 
 
 class Order(NamedTuple):
-    """The vehicles sorted by x, of equals the last in the list first; arrays [N]."""
+    """Where vehicles stand in the order of their x, of equals the last in the list first; [N]."""
 
     place: Array
     """int32: how many vehicles stand before this one in the order."""
     behind: Array
     """int32: how many vehicles have a smaller x."""
-    vehicle: Array
-    """int32: which vehicle stands at a place."""
 
 
 def sort(x: Array) -> Order:
@@ -85,86 +81,111 @@ def sort(x: Array) -> Order:
     Returns:
         Their order.
     """
-    index = jnp.arange(x.shape[0])
-    behind = jnp.sum(x[None, :] < x[:, None], axis=1, dtype=jnp.int32)
-    equal = (x[None, :] == x[:, None]) & (index[None, :] > index[:, None])
-    place = behind + jnp.sum(equal, axis=1, dtype=jnp.int32)
-    stands = place[None, :] == index[:, None]
-    vehicle = jnp.sum(jnp.where(stands, index[None, :], 0), axis=1, dtype=jnp.int32)
-    return Order(place, behind, vehicle)
+    me = numbered(x)
+    behind = place = jnp.zeros(x.shape, jnp.int32)
+    for other in range(x.shape[0]):
+        behind += x[other] < x
+        place += (x[other] == x) & (me < other)
+    return Order(place + behind, behind)
 
 
-def lane_members(world: World, order: Order) -> sets.Words:
-    """For each lane the set of places of the vehicles on it.
+class Places(NamedTuple):
+    """The places of both neighbours of each vehicle on some lane, int32 [N]."""
 
-    Args:
-        world: one world.
-        order: of its vehicles.
-
-    Returns:
-        Words of shape [M].
-    """
-    vehicles = world.vehicles
-    occupied = roads.occupied_lanes(world.road, vehicles.x, vehicles.y)
-    occupied = jnp.where(vehicles.present, occupied, 0)
-    bit = 1 << jnp.arange(world.road.present.shape[0], dtype=jnp.int32)
-    here = (occupied[None, :] & bit[:, None]) != 0
-    bits = sets.single(order.place, vehicles.x.shape[0])
-    # Places differ, so that a sum of bits is their union.
-    return tuple(
-        jnp.sum(jnp.where(here, word[None, :], jnp.uint32(0)), axis=1, dtype=jnp.uint32)
-        for word in bits
-    )
+    front: Array
+    """N where there is none."""
+    rear: Array
+    """-1 where there is none."""
 
 
-def search(world: World, motion: Motion, lanes: Array) -> Pair:
-    """Neighbours of every vehicle on given lanes.
+def nearest(order: Order, occupied: Array, lane: Array) -> Places:
+    """Both neighbours of every vehicle on a lane.
 
     ``Road.neighbour_vehicles``: among the other vehicles on the lane, ahead is the nearest with
     x_other >= x, the last in the list winning ties; behind is the nearest with x_other < x, the
-    first winning ties. In the `Order` these are the next members of the lane's set on either side.
+    first winning ties. In the `Order` these are the next on either side.
+
+    Args:
+        order: of the vehicles.
+        occupied: int32 [N], the lanes each vehicle is on, as a set of `lane_bit`.
+        lane: int32 [N], the lane each looks at, as a `lane_bit`.
+
+    Returns:
+        Their places.
+    """
+    me, count = numbered(lane), lane.shape[0]
+    front, rear = jnp.full(lane.shape, count), jnp.full(lane.shape, -1)
+    for other in range(count):
+        here = (occupied[other] & lane) != 0
+        place = order.place[other]
+        ahead = here & (place >= order.behind) & (me != other)
+        front = jnp.where(ahead, jnp.minimum(front, place), front)
+        rear = jnp.where(here & (place < order.behind), jnp.maximum(rear, place), rear)
+    return Places(front, rear)
+
+
+def pick(values: Array, order: Order, place: Array) -> Array:
+    """Values of the vehicles that stand at the given places, any value at no vehicle's place.
+
+    Elementwise selections, because a gather keeps XLA from using vector instructions.
+
+    Args:
+        values: [N].
+        order: of the vehicles.
+        place: int32 [N].
+
+    Returns:
+        [N].
+    """
+    result = jnp.zeros_like(values)
+    for vehicle in range(values.shape[0]):
+        result = jnp.where(place == order.place[vehicle], values[vehicle], result)
+    return result
+
+
+def search(world: World, motion: Motion, lanes: Sequence[Array]) -> list[Pair]:
+    """Neighbours of every vehicle on given lanes.
 
     Args:
         world: one world.
         motion: its motion.
-        lanes: int32 [Q, N], the lane of each query; outside the road nobody is found.
+        lanes: int32 [N] each, a lane for each vehicle; outside the road nobody is found.
 
     Returns:
-        Neighbours, arrays [Q, N].
+        Neighbours on each of them.
     """
-    x, speed = world.vehicles.x, world.vehicles.speed
-    count = x.shape[0]
-    order = sort(x)
-    members = lane_members(world, order)
+    vehicles, x = world.vehicles, world.vehicles.x
+    occupied = roads.occupied_lanes(world.road, x, vehicles.y)
+    occupied = jnp.where(vehicles.present, occupied, 0)
+    bits = [roads.lane_bit(world.road, lane) for lane in lanes]
+    order = once(vehicles.present, lambda: sort(x))
+    places = once(vehicles.present, lambda: [nearest(order, occupied, bit) for bit in bits])
 
-    def look(lane: Array) -> tuple[Array, Array]:
-        outside = (lane < 0) | (lane >= members[0].shape[0])
-        here = tuple(jnp.where(outside, 0, roads.pick(word, lane)) for word in members)
-        behind_me = sets.below(order.behind, count)
-        ahead = sets.without(sets.without(here, behind_me), sets.single(order.place, count))
-        return sets.smallest(ahead), sets.largest(sets.both(here, behind_me))
+    def pair(at: Places) -> Pair:
+        def front(values: Array) -> Array:
+            return pick(values, order, at.front)
 
-    # A loop keeps its results; without it XLA would compute them anew in every use.
-    first, last = lax.map(look, lanes)
+        def rear(values: Array) -> Array:
+            return pick(values, order, at.rear)
 
-    def of(place: Array, values: Array) -> Array:
-        return sets.member(values, sets.member(order.vehicle, place))
+        return Pair(
+            Front(
+                exists=at.front < x.shape[0],
+                x=front(x),
+                velocity_x=front(motion.velocity_x),
+                velocity_y=front(motion.velocity_y),
+            ),
+            Rear(
+                exists=at.rear >= 0,
+                x=rear(x),
+                speed=rear(vehicles.speed),
+                cosine=rear(motion.cosine),
+                sine=rear(motion.sine),
+                effort=rear(motion.effort),
+            ),
+        )
 
-    front = Front(
-        exists=first >= 0,
-        x=of(first, x),
-        velocity_x=of(first, motion.velocity_x),
-        velocity_y=of(first, motion.velocity_y),
-    )
-    rear = Rear(
-        exists=last >= 0,
-        x=of(last, x),
-        speed=of(last, speed),
-        cosine=of(last, motion.cosine),
-        sine=of(last, motion.sine),
-        effort=of(last, motion.effort),
-    )
-    return Pair(front, rear)
+    return once(vehicles.present, lambda: [pair(at) for at in places])
 
 
 def find(world: World, motion: Motion) -> Neighbours:
@@ -179,6 +200,4 @@ def find(world: World, motion: Motion) -> Neighbours:
     """
     target = world.vehicles.target_lane
     aside = jnp.where(motion.lane == target, motion.lane - 1, target)
-    lanes = jnp.stack([motion.lane, aside, motion.lane + 1])
-    found = search(world, motion, lanes)
-    return Neighbours(*(jax.tree.map(itemgetter(query), found) for query in range(3)))
+    return Neighbours(*search(world, motion, [motion.lane, aside, motion.lane + 1]))

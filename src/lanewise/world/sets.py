@@ -109,15 +109,19 @@ def largest(words: Words) -> Array:
     return result
 
 
-def member(values: Array, index: Array) -> Array:
-    """The value of a member, ``values[index]``; any value for the -1 of an empty set.
+def pick(values: Array, member: Array) -> Array:
+    """The value of a member, ``values[member]``; any value for the -1 of an empty set.
+
+    Elementwise selections, because a gather keeps XLA from using vector instructions.
 
     Args:
-        values: [N].
-        index: int, any shape, below N.
+        values: [N, ...].
+        member: int [Q, ...], below N.
 
     Returns:
-        That shape.
+        [Q, ...].
     """
-    value: Array = values.at[jnp.maximum(index, 0)].get(mode="promise_in_bounds")
+    value = jnp.broadcast_to(values[0], member.shape)
+    for index in range(1, values.shape[0]):
+        value = jnp.where(member == index, values[index], value)
     return value

@@ -4,12 +4,15 @@ Shapes: ``N`` vehicles and ``M`` lanes, both static maxima; ``present`` masks te
 Frame: x along the road, y across it, growing to the right (lane 0 is the leftmost);
 headings in radians, positive to the right. Vehicle order is meaningful: it is the order in
 which highway-env lets vehicles decide and breaks ties. The ego, where there is one, is vehicle 0.
-Every array is written for one world; callers batch with ``jax.vmap``.
+Every function is written for one world; callers batch with ``jax.vmap``. What a tick calls also
+takes worlds along trailing axes, arrays [N, ...] and [M, ...], which is how `tick.run` lays them
+out: with vehicles along the first axis and worlds along the last, XLA's loops run over worlds.
 """
 
 from dataclasses import dataclass
 
 import jax
+import jax.numpy as jnp
 from jax import Array
 
 EXTERNAL = 0
@@ -123,3 +126,12 @@ class World:
     road: Road
     drivers: Drivers
     vehicles: Vehicles
+
+
+def numbered(values: Array) -> Array:
+    """The number of each vehicle, int32 [N, 1, ...], to be compared with arrays like ``values``.
+
+    Args:
+        values: [N, ...].
+    """
+    return jnp.arange(values.shape[0]).reshape(-1, *(1,) * (values.ndim - 1))

@@ -6,13 +6,16 @@ all move, then collisions are found.
 
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
-from jax import lax
+from jax import Array, lax
+from jax.custom_batching import custom_vmap
 from jax.typing import ArrayLike
 
 from lanewise.world import bicycle, collision, idm, mobil, motion, neighbours, steering
 from lanewise.world.motion import Motion
-from lanewise.world.state import RULE_BASED, World
+from lanewise.world.once import once
+from lanewise.world.state import RULE_BASED, Vehicles, World
 
 
 def tick(world: World, duration: ArrayLike) -> World:
@@ -25,7 +28,7 @@ def tick(world: World, duration: ArrayLike) -> World:
     Returns:
         The world a step later.
     """
-    seen = motion.observe(world)
+    seen = once(world.vehicles.present, lambda: motion.observe(world))
     world = act(world, seen)
     world = bicycle.move(world, duration)
     world = wait(world, duration)
@@ -75,16 +78,48 @@ def wait(world: World, duration: ArrayLike) -> World:
     return replace(world, vehicles=replace(vehicles, timer=timer))
 
 
-def run(world: World, duration: ArrayLike, count: int) -> World:
+def run(world: World, duration: float, count: int) -> World:
     """Advance one world by several ticks without new commands from outside.
+
+    Batched with ``jax.vmap``, the worlds lie along the last axis meanwhile (see `state`).
 
     Args:
         world: one world.
-        duration: of each tick, s.
+        duration: of each tick, s, static.
         count: how many, static.
 
     Returns:
         The world ``count`` ticks later.
     """
-    later: World = lax.fori_loop(0, count, lambda _, state: tick(state, duration), world)
-    return later
+
+    @custom_vmap
+    def later(world: World) -> Vehicles:
+        def once(_: int, vehicles: Vehicles) -> Vehicles:
+            return tick(replace(world, vehicles=vehicles), duration).vehicles
+
+        after: Vehicles = lax.fori_loop(0, count, once, world.vehicles)
+        return after
+
+    @later.def_vmap
+    def batched(size: int, batched: tuple[World], world: World) -> tuple[Vehicles, Vehicles]:
+        after = later(_worlds_last(world, batched[0], size))
+        return (
+            jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), after),
+            jax.tree.map(lambda _: True, after),
+        )
+
+    return replace(world, vehicles=later(world))
+
+
+def _worlds_last(worlds: World, batched: World, count: int) -> World:
+    """Worlds along the first axis, of the leaves that are batched, as worlds along the last."""
+
+    def last(leaf: Array, is_batched: bool) -> Array:
+        return jnp.moveaxis(leaf, 0, -1) if is_batched else leaf[..., None]
+
+    moved: World = jax.tree.map(last, worlds, batched)
+    # What a loop carries keeps its shape, so that vehicles must have it from the start.
+    vehicles = jax.tree.map(
+        lambda leaf: jnp.broadcast_to(leaf, (*leaf.shape[:-1], count)), moved.vehicles
+    )
+    return replace(moved, vehicles=vehicles)

@@ -1,0 +1,40 @@
+"""Fresh episodes in the worlds whose episode is over."""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+AT_ONCE = 8
+"""One in so many worlds is restarted at once."""
+
+Tree = TypeVar("Tree")
+
+
+def where(done: Array, worlds: Tree, begin: Callable[[Array], Tree]) -> Tree:
+    """Replace the worlds that are over.
+
+    A few at a time, in a loop that runs as often as it takes, mostly not at all or once: a fresh
+    episode for every world, to be used in few, costs about as much as the decision itself.
+
+    Args:
+        done: bool [W] which worlds are over.
+        worlds: arrays with a leading axis over the worlds.
+        begin: fresh worlds for the given ones, int32 [k] to arrays with a leading axis of k.
+
+    Returns:
+        The worlds, none of them over.
+    """
+    count = done.shape[0]
+
+    def some(state: tuple[Array, Tree]) -> tuple[Array, Tree]:
+        left, before = state
+        (chosen,) = jnp.nonzero(left, size=-(-count // AT_ONCE), fill_value=count)
+        fresh = begin(jnp.minimum(chosen, count - 1))
+        after = jax.tree.map(lambda old, new: old.at[chosen].set(new, mode="drop"), before, fresh)
+        return left.at[chosen].set(False, mode="drop"), after
+
+    _, after = lax.while_loop(lambda state: jnp.any(state[0]), some, (done, worlds))
+    return after
