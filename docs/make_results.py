@@ -223,7 +223,7 @@ def _paper(report: Any) -> str:
         f"`{report['command']}` ({report['date'][:10]}, {_machine(report)},",
         f"{_hours(report):.1f} hours of trainings and tests together, two at a time): 2000",
         "episodes of at most 250 decisions, 1000 for step 1, the paper's exploration, the last",
-        "weights. One update for every eight decisions, as everywhere here; the paper does not say.",
+        "weights. One update for every eight decisions, as everywhere; the paper does not say.",
         "Its other arms were not run. Curves, tables and claims are in",
         "[the report](../results/paper/report.md).",
         "",
