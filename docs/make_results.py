@@ -124,7 +124,7 @@ def _at_the_papers_size(report: Any) -> str:
         mean(seed["tests"][world]["success_rate"] for seed in arm["seeds"]) for world in WORLDS
     )
     return (
-        "**At the paper's own size** (2000 episodes, the last weights, "
+        "**At the paper's own size** (1000 and 2000 episodes, "
         f"{len(arm['seeds'])} seeds) the hierarchical controller escapes in {100 * trained:.1f} % "
         f"of its last 50 training episodes (published {100 * published['training']['success']:.1f})"
         f", in {100 * here:.2f} % of its tests here and {100 * there:.2f} % in highway-env "
@@ -197,11 +197,7 @@ def _details(report: Any) -> str:
         "seeds; an arm that takes",
         "over the step 1 of another has step 2 alone to show.",
         "",
-        tables.run(arms).rstrip(),
-    ]
-    for world, title in WORLDS.items():
-        lines += ["", f"## Every arm, {title}", "", tables.tests(arms, world).rstrip()]
-    lines += [
+        *_tables(arms, "## Every arm, {}"),
         "",
         "## Over seeds",
         "",
@@ -222,18 +218,25 @@ def _paper(report: Any) -> str:
         "",
         f"`{report['command']}` ({report['date'][:10]}, {_machine(report)},",
         f"{_hours(report):.1f} hours of trainings and tests together, two at a time): 2000",
-        "episodes of at most 250 decisions, 1000 for step 1, the paper's exploration, the last",
-        "weights. One update for every eight decisions, as everywhere; the paper does not say.",
+        "episodes of at most 250 decisions, 1000 for step 1, the paper's exploration; the best",
+        "weights of step 1, the last ones of the others. One update for every eight decisions, as",
+        "in `standard`; the paper does not say.",
         "Its other arms were not run. Curves, tables and claims are in",
         "[the report](../results/paper/report.md). That both controllers escape while they explore",
         "fails as computed there, until epsilon settles (some 120 episodes); in the curves",
         "the flat one escapes now and then between episodes 250 and 1,600, and then no more.",
         "",
-        tables.run(arms).rstrip(),
+        *_tables(arms, "Tests {}:"),
     ]
-    for world, title in WORLDS.items():
-        lines += ["", f"Tests {title}:", "", tables.tests(arms, world).rstrip()]
     return "\n".join(lines) + "\n"
+
+
+def _tables(arms: list[ArmFigures], title: str) -> list[str]:
+    """What was run, then the tests in both worlds, each under the title with its world's name."""
+    lines = [tables.run(arms).rstrip()]
+    for world, name in WORLDS.items():
+        lines += ["", title.format(name), "", tables.tests(arms, world).rstrip()]
+    return lines
 
 
 def _hours(report: Any) -> float:

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from lanewise.world import road
+from lanewise.world.select import pick
 from lanewise.world.state import World
 
 NONE, COLLISION, OFF_ROAD, STOPPED = 0, 1, 2, 3
@@ -27,10 +28,10 @@ def off_road(world: World) -> Array:
     x, y = world.vehicles.x[0], world.vehicles.y[0]
     lane = road.closest_lane(world.road, x, y)
     aside = jnp.abs(road.lateral_offset(world.road, lane, y))
-    along = x - road.pick(world.road.start, lane)
-    length = road.pick(world.road.end, lane) - road.pick(world.road.start, lane)
+    along = x - pick(world.road.start, lane)
+    length = pick(world.road.end, lane) - pick(world.road.start, lane)
     on_lane = (
-        (aside <= road.pick(world.road.width, lane) / 2)
+        (aside <= pick(world.road.width, lane) / 2)
         & (along >= -road.END_MARGIN)
         & (along < length + road.END_MARGIN)
     )

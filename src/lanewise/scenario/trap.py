@@ -14,6 +14,7 @@ from jax.typing import ArrayLike
 
 from lanewise.scenario.settings import TrapSettings
 from lanewise.world import build, road
+from lanewise.world.select import pick
 from lanewise.world.settings import DriverSettings
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, Road, World
 
@@ -145,7 +146,7 @@ def place(settings: TrapSettings, start: Start, key: Array, lanes: int) -> World
         jnp.float32,
     )
     where = _road(settings, start, lanes)
-    vehicles = build.make_vehicles(x, road.pick(where.centre, lane), speed, lane)
+    vehicles = build.make_vehicles(x, pick(where.centre, lane), speed, lane)
     return World(
         road=where,
         drivers=_drivers(settings, start),

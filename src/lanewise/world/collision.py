@@ -15,6 +15,7 @@ from jax.typing import ArrayLike
 from lanewise.world import sets
 from lanewise.world.boxes import Box, of_vehicles, overlap
 from lanewise.world.once import once
+from lanewise.world.select import pick
 from lanewise.world.state import World, numbered
 
 SLACK = 1e-3
@@ -108,7 +109,7 @@ def resolve(world: World, duration: ArrayLike) -> World:
     def meet(state: tuple[sets.Words, Outcome]) -> tuple[sets.Words, Outcome]:
         left, so_far = state
         other = sets.smallest(left)
-        theirs = once(vehicles.present, lambda: Box(*(sets.pick(value, other) for value in mine)))
+        theirs = once(vehicles.present, lambda: Box(*(pick(value, other) for value in mine)))
         first = index < other
         a = Box(*(jnp.where(first, m, t) for m, t in zip(mine, theirs, strict=True)))
         b = Box(*(jnp.where(first, t, m) for m, t in zip(mine, theirs, strict=True)))

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from lanewise.world import road as roads
+from lanewise.world.select import pick
 from lanewise.world.state import RULE_BASED, World
 
 SMALLEST = 1e-2
@@ -62,7 +63,7 @@ def observe(world: World) -> Motion:
     """
     vehicles, drivers = world.vehicles, world.drivers
     lane = roads.closest_lane(world.road, vehicles.x, vehicles.y)
-    limit = roads.pick(world.road.speed_limit, lane)
+    limit = pick(world.road.speed_limit, lane)
     target_speed = jnp.clip(drivers.target_speed, 0, limit)
     cosine, sine = jnp.cos(vehicles.heading), jnp.sin(vehicles.heading)
     return Motion(

@@ -12,6 +12,7 @@ from jax import Array
 from lanewise.world import road as roads
 from lanewise.world.motion import Motion
 from lanewise.world.once import once
+from lanewise.world.select import pick
 from lanewise.world.state import World, numbered
 
 
@@ -124,25 +125,6 @@ def nearest(order: Order, occupied: Array, lane: Array) -> Places:
     return Places(front, rear)
 
 
-def pick(values: Array, order: Order, place: Array) -> Array:
-    """Values of the vehicles that stand at the given places, any value at no vehicle's place.
-
-    Elementwise selections, because a gather keeps XLA from using vector instructions.
-
-    Args:
-        values: [N].
-        order: of the vehicles.
-        place: int32 [N].
-
-    Returns:
-        [N].
-    """
-    result = jnp.zeros_like(values)
-    for vehicle in range(values.shape[0]):
-        result = jnp.where(place == order.place[vehicle], values[vehicle], result)
-    return result
-
-
 def search(world: World, motion: Motion, lanes: Sequence[Array]) -> list[Pair]:
     """Neighbours of every vehicle on given lanes.
 
@@ -163,10 +145,10 @@ def search(world: World, motion: Motion, lanes: Sequence[Array]) -> list[Pair]:
 
     def pair(at: Places) -> Pair:
         def front(values: Array) -> Array:
-            return pick(values, order, at.front)
+            return pick(values, at.front, order.place)
 
         def rear(values: Array) -> Array:
-            return pick(values, order, at.rear)
+            return pick(values, at.rear, order.place)
 
         return Pair(
             Front(

@@ -1,13 +1,10 @@
-"""Where a vehicle is on the road: its lane, and its place relative to any lane.
-
-Lanes are few, so values of a lane are picked by elementwise selection over all lanes instead of
-a gather, which is several times slower on a CPU.
-"""
+"""Where a vehicle is on the road: its lane, and its place relative to any lane."""
 
 import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike, DTypeLike
 
+from lanewise.world.select import pick
 from lanewise.world.state import Road
 
 END_MARGIN = 5.0
@@ -55,22 +52,6 @@ def straight_road(
         speed_limit=every_lane(speed_limit),
         open_to_change=present,
     )
-
-
-def pick(values: Array, lane: Array) -> Array:
-    """Value of each vehicle's lane: ``values[lane]``.
-
-    Args:
-        values: [M], one per lane.
-        lane: int [N]; must be a lane's index.
-
-    Returns:
-        [N].
-    """
-    result = jnp.broadcast_to(values[0], lane.shape)
-    for index in range(1, values.shape[0]):
-        result = jnp.where(lane == index, values[index], result)
-    return result
 
 
 def closest_lane(road: Road, x: Array, y: Array) -> Array:

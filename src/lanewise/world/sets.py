@@ -107,21 +107,3 @@ def largest(words: Words) -> Array:
         member = BITS * word + BITS - 1 - lax.clz(bits).astype(jnp.int32)
         result = jnp.where(bits != 0, member, result)
     return result
-
-
-def pick(values: Array, member: Array) -> Array:
-    """The value of a member, ``values[member]``; any value for the -1 of an empty set.
-
-    Elementwise selections, because a gather keeps XLA from using vector instructions.
-
-    Args:
-        values: [N, ...].
-        member: int [Q, ...], below N.
-
-    Returns:
-        [Q, ...].
-    """
-    value = jnp.broadcast_to(values[0], member.shape)
-    for index in range(1, values.shape[0]):
-        value = jnp.where(member == index, values[index], value)
-    return value
