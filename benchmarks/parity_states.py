@@ -30,6 +30,12 @@ def random_road(rng):
     )
 
 
+def slip_sine(steering):
+    """Sine of the slip angle of a steering angle."""
+    half_tangent = np.tan(steering) / 2
+    return half_tangent / np.sqrt(1 + half_tangent**2)
+
+
 def random_drivers(rng, count):
     """The paper's, highway-env's, or any drivers; vehicle 0 is external, a few are constant."""
     style = rng.integers(3)
@@ -57,7 +63,7 @@ def random_drivers(rng, count):
         imposed_braking=draw(2.0, 2.0, 0.0, 5.0),
         change_delay=np.ones(count),
         acceleration_limit=draw(1.0, 6.0, 0.5, 8.0),
-        steering_limit=draw(np.pi / 36, np.pi / 3, 0.05, 1.2),
+        slip_limit=slip_sine(draw(np.pi / 36, np.pi / 3, 0.05, 1.2)),
         changes_lanes=rng.random(count) < 0.9,
         checks_collisions=rng.random(count) < 0.8,
         length=np.full(count, 5.0),
@@ -92,7 +98,6 @@ def random_vehicles(rng, road, count):
     target = np.where(rng.random(count) < 0.6, lane, rng.integers(0, lanes, count))
     timer = np.where(rng.random(count) < 0.5, rng.uniform(0.0, 2.0, count), rng.choice([0.0, 1.0]))
     steering = rng.choice([-1.0, 0.0, 1.0], count) * np.pi / 50
-    half_tangent = np.tan(steering) / 2
     impacted = rng.random(count) < 0.03
     return Vehicles(
         present=np.ones(count, bool),
@@ -100,7 +105,7 @@ def random_vehicles(rng, road, count):
         y=y,
         heading=heading,
         speed=speed,
-        slip_sine=half_tangent / np.sqrt(1 + half_tangent**2),
+        slip_sine=slip_sine(steering),
         acceleration=rng.choice([-1.0, 0.0, 1.0], count),
         target_lane=target.astype(np.int32),
         timer=timer,
@@ -153,7 +158,7 @@ def paper_traffic(rng, count=12):
         "imposed_braking": 2.0,
         "change_delay": 1.0,
         "acceleration_limit": 1.0,
-        "steering_limit": np.pi / 36,
+        "slip_limit": slip_sine(np.pi / 36),
     }
     kind = np.array([EXTERNAL, CONSTANT, CONSTANT] + [RULE_BASED] * (count - 3), np.int32)
     drivers = replace(

@@ -12,6 +12,7 @@ from highway_env import utils
 from highway_env.road.lane import StraightLane
 from highway_env.road.road import RoadNetwork
 from highway_env.vehicle.behavior import IDMVehicle
+from world_views import look, neighbours_on
 
 from lanewise.interop.highway_env import build_env, command_table, read_world
 from lanewise.world import (
@@ -21,7 +22,6 @@ from lanewise.world import (
     idm,
     mobil,
     motion,
-    neighbours,
     road,
     sets,
     steering,
@@ -46,7 +46,7 @@ def scene(make_world):
         heading=rng.normal(0, 0.05, 12),
         timer=rng.uniform(0.5, 2, 12),
     )
-    return SimpleNamespace(world=world, env=build_env(world), motion=motion.observe(world))
+    return SimpleNamespace(world=world, env=build_env(world), motion=look(world))
 
 
 def test_closest_lane():
@@ -89,11 +89,9 @@ def test_neighbours(make_world, count):
     x = rng.permutation(np.repeat(rng.uniform(0, 200, count // 2), 2))
     world = make_world(x, lane, y=lane * 4.0 + rng.uniform(-2, 2, count))
     env = build_env(world)
-    seen = motion.observe(world)
+    seen = look(world)
     everyone = env.road.vehicles
-    order = neighbours.sort(world.vehicles.x)
-    assert sorted(order.place.tolist()) == list(range(count))
-    everywhere = neighbours.search(world, seen, [jnp.full(count, q) for q in range(3)])
+    everywhere = [neighbours_on(world, seen, jnp.full(count, q)) for q in range(3)]
     for q, found in enumerate(everywhere):
         for i, vehicle in enumerate(everyone):
             front, rear = env.road.neighbour_vehicles(vehicle, ("0", "1", q))
@@ -106,9 +104,9 @@ def test_neighbours(make_world, count):
 
 
 def test_idm(scene):
-    around = neighbours.find(scene.world, scene.motion)
+    own = neighbours_on(scene.world, scene.motion, scene.motion.lane)
     free = idm.free_road(scene.world.drivers, scene.motion.effort)
-    ours = free - idm.following(scene.world, scene.motion, around.own.front)
+    ours = free - idm.following(scene.world, scene.motion, own.front)
     for i, vehicle in enumerate(scene.env.road.vehicles):
         if isinstance(vehicle, IDMVehicle):
             front, _ = scene.env.road.neighbour_vehicles(vehicle)
@@ -116,11 +114,11 @@ def test_idm(scene):
 
 
 def test_mobil(scene):
-    around = neighbours.find(scene.world, scene.motion)
-    sides = ((-1, around.left), (1, around.right))
+    own = neighbours_on(scene.world, scene.motion, scene.motion.lane)
     verdicts = []
-    for step, pair in sides:
-        ours = mobil.recommends(scene.world, scene.motion, around.own, pair)
+    for step in (-1, 1):
+        pair = neighbours_on(scene.world, scene.motion, scene.motion.lane + step)
+        ours = mobil.recommends(scene.world, scene.motion, own, pair)
         for i, vehicle in enumerate(scene.env.road.vehicles):
             lane = vehicle.lane_index[2] + step
             changing = step < 0 and vehicle.lane_index[2] != int(
@@ -144,7 +142,7 @@ def test_steering(scene):
 
 def test_bicycle(scene):
     world = bicycle.command(scene.world, 0.7, -0.3)
-    moved = bicycle.move(world, 0.1).vehicles
+    moved = bicycle.move(world, motion.facing(world.vehicles), 0.1).vehicles
     ego = scene.env.road.vehicles[0]
     ego.act({"acceleration": 0.7, "steering": -0.3})
     ego.step(0.1)
@@ -162,9 +160,8 @@ def test_separating_axes(make_world):
         )  # fmt: skip
         a, b = build_env(world).road.vehicles
         now, soon, way = a._is_colliding(b, 0.1)
-        mine, theirs = (
-            boxes.Box(*(value[i] for value in boxes.of_vehicles(world))) for i in range(2)
-        )
+        everyone = boxes.of_vehicles(world, motion.facing(world.vehicles))
+        mine, theirs = (boxes.Box(*(value[i] for value in everyone)) for i in range(2))
         ours = boxes.overlap(mine, theirs, 0.1)
         assert (bool(ours.now), bool(ours.soon)) == (now, soon)
         if soon:

@@ -6,9 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from world_views import look, neighbours_on
 
 from lanewise.interop.highway_env import build_env, command_table, read_world
-from lanewise.world import bicycle, idm, mobil, motion, neighbours, tick
+from lanewise.world import bicycle, idm, mobil, tick
 from lanewise.world.settings import PAPER_DRIVER, DriverSettings
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED
 
@@ -83,9 +84,9 @@ class TestQuirks:
         driver, ego, slow = env.road.vehicles[1], env.road.vehicles[0], env.road.vehicles[2]
         theirs = driver.acceleration(ego, slow) - driver.acceleration(ego, driver)
         assert abs(driver.acceleration(ego, slow)) > 1e11
-        seen = motion.observe(world)
-        around = neighbours.find(world, seen)
-        ours = mobil._relief(world, seen, around.own.rear, around.own.front)[1]
+        seen = look(world)
+        own = neighbours_on(world, seen, seen.lane)
+        ours = mobil._relief(world, seen, own.rear, own.front)[1]
         np.testing.assert_allclose(ours, theirs, atol=2e-4)
         single = jax.tree.map(lambda a: a.astype("float32") if a.dtype == "float64" else a, world)
         for each in (world, single):
@@ -160,8 +161,8 @@ class TestQuirks:
         """Side by side counts as ahead for both; of equals ahead the last, behind the first."""
         world = make_world([-9, 50, 50, 20, 20, 20], [0] * 6, y=[0, 0, 1.5, -1.5, 0, 1.5],
                            speed=np.arange(1.0, 7.0))  # fmt: skip
-        seen = motion.observe(world)
-        own = neighbours.find(world, seen).own
+        seen = look(world)
+        own = neighbours_on(world, seen, seen.lane)
         assert float(own.front.velocity_x[4]) == 6.0
         assert float(own.front.velocity_x[3]) == 6.0
         assert float(own.front.velocity_x[5]) == 5.0
@@ -171,8 +172,9 @@ class TestQuirks:
     def test_a_changing_vehicle_is_on_two_lanes(self, make_world):
         for offset, found in ((3.0, True), (3.001, False)):
             world = make_world([0.0, 40.0], [1, 0], y=[4.0, 4.0 - offset])
-            around = neighbours.find(world, motion.observe(world))
-            assert bool(around.own.front.exists[0]) == found
+            seen = look(world)
+            own = neighbours_on(world, seen, seen.lane)
+            assert bool(own.front.exists[0]) == found
 
     def test_target_speed_is_clipped_to_the_limit(self, make_world):
         world = make_world([-90, 0], [0, 0], 29, settings=DriverSettings(target_speed=50.0))

@@ -21,7 +21,7 @@ from lanewise.driving.settings import DrivingSettings
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
 from lanewise.scenario.trap import Start
-from lanewise.world import bicycle, collision
+from lanewise.world import bicycle, collision, motion
 from lanewise.world.state import World
 
 CHUNK = 512
@@ -223,10 +223,10 @@ def _ticks(course: Course, world: World) -> World:
     Leaving the drivers' look around out makes it three times as fast.
     """
     duration = course.driving.tick_duration
-    later: World = jax.lax.fori_loop(
-        0,
-        course.driving.ticks_per_decision,
-        lambda _, state: collision.resolve(bicycle.move(state, duration), duration),
-        world,
-    )
+
+    def tick(_: int, state: World) -> World:
+        moved = bicycle.move(state, motion.facing(state.vehicles), duration)
+        return collision.resolve(moved, motion.facing(moved.vehicles), duration)
+
+    later: World = jax.lax.fori_loop(0, course.driving.ticks_per_decision, tick, world)
     return later

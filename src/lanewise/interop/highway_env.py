@@ -41,8 +41,19 @@ _PARAMETERS: dict[str, Callable[[Any], float]] = {
     "imposed_braking": lambda v: v.LANE_CHANGE_MAX_BRAKING_IMPOSED,
     "change_delay": lambda v: v.LANE_CHANGE_DELAY,
     "acceleration_limit": lambda v: v.ACC_MAX,
-    "steering_limit": lambda v: v.MAX_STEERING_ANGLE,
+    "slip_limit": lambda v: _slip_sine(v.MAX_STEERING_ANGLE),
 }
+
+
+def _slip_sine(steering: float) -> float:
+    """`steering.slip_sine` in float64."""
+    half_tangent = np.tan(steering) / 2
+    return float(half_tangent / np.sqrt(1 + half_tangent**2))
+
+
+def _steering(slip_sine: float) -> float:
+    """The steering angle of a slip angle's sine, rad."""
+    return float(np.arctan(2 * slip_sine / np.sqrt(1 - slip_sine**2)))
 
 
 def _floats(values: Iterable[Any]) -> Any:
@@ -112,7 +123,6 @@ def _read_drivers(vehicles: list[Any], controlled: list[Any]) -> Drivers:
 
 
 def _read_vehicles(vehicles: list[Any]) -> Vehicles:
-    half_tangents = np.tan(_floats(v.action["steering"] for v in vehicles)) / 2
     impacts = [np.zeros(2) if v.impact is None else v.impact for v in vehicles]
     targets = [getattr(v, "target_lane_index", v.lane_index)[2] for v in vehicles]
     return Vehicles(
@@ -121,7 +131,7 @@ def _read_vehicles(vehicles: list[Any]) -> Vehicles:
         y=_floats(v.position[1] for v in vehicles),
         heading=_floats(v.heading for v in vehicles),
         speed=_floats(v.speed for v in vehicles),
-        slip_sine=half_tangents / np.sqrt(1 + half_tangents**2),
+        slip_sine=_floats(_slip_sine(v.action["steering"]) for v in vehicles),
         acceleration=_floats(v.action["acceleration"] for v in vehicles),
         target_lane=np.array(targets, np.int32),  # type: ignore[arg-type]
         timer=_floats(getattr(v, "timer", 0.0) for v in vehicles),
@@ -210,7 +220,7 @@ def _build_vehicle(road: Any, state: SimpleNamespace, driver: SimpleNamespace) -
         vehicle.LANE_CHANGE_MAX_BRAKING_IMPOSED = driver.imposed_braking
         vehicle.LANE_CHANGE_DELAY = driver.change_delay
         vehicle.ACC_MAX = driver.acceleration_limit
-        vehicle.MAX_STEERING_ANGLE = driver.steering_limit
+        vehicle.MAX_STEERING_ANGLE = _steering(driver.slip_limit)
         # The constructor replaces zeros by defaults, so zeros must be set afterwards.
         vehicle.target_speed = driver.target_speed
         vehicle.timer = state.timer
@@ -225,9 +235,8 @@ def _build_vehicle(road: Any, state: SimpleNamespace, driver: SimpleNamespace) -
     vehicle.check_collisions = driver.checks_collisions
     vehicle.crashed = state.crashed
     vehicle.impact = np.array([state.impact_x, state.impact_y]) if state.impacted else None
-    slip_tangent = state.slip_sine / np.sqrt(1 - state.slip_sine**2)
     vehicle.action = {
-        "steering": float(np.arctan(2 * slip_tangent)),
+        "steering": _steering(state.slip_sine),
         "acceleration": state.acceleration,
     }
     return vehicle

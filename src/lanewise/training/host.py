@@ -110,7 +110,25 @@ def advance(
     plan: StagePlan, frozen: Parameters, progress: StageProgress
 ) -> tuple[StageProgress, Report]:
     """One chunk; ``progress`` is consumed."""
-    state, metrics = stage.advance(plan.course, frozen, progress.state)
+    return book(plan, frozen, progress, *stage.advance(plan.course, frozen, progress.state))
+
+
+def book(
+    plan: StagePlan,
+    frozen: Parameters,
+    progress: StageProgress,
+    state: StageState,
+    metrics: ChunkMetrics,
+) -> tuple[StageProgress, Report]:
+    """What follows a compiled chunk: its episodes counted, its weights validated when due.
+
+    Args:
+        plan: the stage.
+        frozen: parameters of levels that do not learn here.
+        progress: before the chunk.
+        state: after the chunk.
+        metrics: the chunk's.
+    """
     metrics = jax.device_get(metrics)
     lines = _episode_lines(plan, progress.ledger, metrics.finished)
     ledger = _booked(plan, progress.ledger, lines)

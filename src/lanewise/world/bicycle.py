@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
+from lanewise.world.motion import Facing
 from lanewise.world.state import World
 from lanewise.world.steering import slip_sine
 
@@ -55,7 +56,7 @@ def _limited(world: World) -> tuple[Array, Array]:
     return slip, acceleration
 
 
-def move(world: World, duration: ArrayLike) -> World:
+def move(world: World, facing: Facing, duration: ArrayLike) -> World:
     """Move every present vehicle for one tick.
 
     Position moves with the old speed along heading + slip, then by the displacement of a
@@ -64,6 +65,7 @@ def move(world: World, duration: ArrayLike) -> World:
 
     Args:
         world: one world.
+        facing: of its vehicles, before they move.
         duration: of the tick, s.
 
     Returns:
@@ -72,7 +74,7 @@ def move(world: World, duration: ArrayLike) -> World:
     vehicles, present = world.vehicles, world.vehicles.present
     slip, acceleration = _limited(world)
     slip_cosine = jnp.sqrt(1 - slip * slip)
-    cosine, sine = jnp.cos(vehicles.heading), jnp.sin(vehicles.heading)
+    cosine, sine = facing
     x = vehicles.x + vehicles.speed * (cosine * slip_cosine - sine * slip) * duration
     y = vehicles.y + vehicles.speed * (sine * slip_cosine + cosine * slip) * duration
     x = jnp.where(vehicles.impacted, x + vehicles.impact_x, x)

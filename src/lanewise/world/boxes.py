@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
+from lanewise.world.motion import Facing
 from lanewise.world.state import World
 
 
@@ -46,11 +47,12 @@ class Overlap(NamedTuple):
     """m."""
 
 
-def of_vehicles(world: World) -> Box:
+def of_vehicles(world: World, facing: Facing) -> Box:
     """Rectangles of all vehicles.
 
     Args:
         world: one world.
+        facing: of its vehicles.
 
     Returns:
         Arrays [N].
@@ -59,8 +61,8 @@ def of_vehicles(world: World) -> Box:
     return Box(
         x=vehicles.x,
         y=vehicles.y,
-        cosine=jnp.cos(vehicles.heading),
-        sine=jnp.sin(vehicles.heading),
+        cosine=facing.cosine,
+        sine=facing.sine,
         speed=vehicles.speed,
         half_length=drivers.length / 2,
         half_width=drivers.width / 2,

@@ -9,6 +9,7 @@ from jax.typing import ArrayLike, DTypeLike
 from lanewise.errors import SettingsError
 from lanewise.world.settings import CAR_LENGTH, CAR_WIDTH, DriverSettings
 from lanewise.world.state import RULE_BASED, Drivers, Vehicles
+from lanewise.world.steering import slip_sine
 
 
 def padded(values: ArrayLike, maximum: int, fill: float = 0) -> Array:
@@ -82,7 +83,7 @@ def make_drivers(
         imposed_braking=of("imposed_braking"),
         change_delay=of("change_delay"),
         acceleration_limit=of("acceleration_limit"),
-        steering_limit=of("steering_limit"),
+        slip_limit=slip_sine(of("steering_limit")),
         changes_lanes=jnp.asarray([s.changes_lanes for s in everyone]),
         checks_collisions=jnp.full(size, checks_collisions),
         length=jnp.full(size, CAR_LENGTH, dtype),

@@ -12,50 +12,27 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import ArrayLike
 
-from lanewise.world import sets
+from lanewise.world import few, sets
 from lanewise.world.boxes import Box, of_vehicles, overlap
+from lanewise.world.few import Chosen
+from lanewise.world.motion import Facing
 from lanewise.world.once import once
-from lanewise.world.select import pick
 from lanewise.world.state import World, numbered
 
+TOUCHING = 50
+"""One vehicle in so many passes the quick test; see docs/speed.md."""
 SLACK = 1e-3
 """By this much, m, the quick test is more generous than the exact one, against rounding."""
 
 
-def may_touch(boxes: Box, other: int, duration: ArrayLike) -> Array:
-    """Which boxes a box might touch: a quick test that never misses a pair.
-
-    Far centres, or boxes that stay apart across the heading of the first, cannot touch.
-
-    Args:
-        boxes: of all vehicles, [N].
-        other: the other vehicle of each pair, static.
-        duration: of the tick, s.
-
-    Returns:
-        bool [N].
-    """
-    mine, theirs = boxes, Box(*(value[other] for value in boxes))
-    apart_x, apart_y = mine.x - theirs.x, mine.y - theirs.y
-    first = numbered(mine.x) < other
-    speed = jnp.where(first, mine.speed, theirs.speed)
-    reach = mine.half_diagonal + theirs.half_diagonal + speed * duration
-    near = apart_x * apart_x + apart_y * apart_y <= reach * reach * (1 + SLACK)
-    cosine = jnp.abs(mine.cosine * theirs.cosine + mine.sine * theirs.sine)
-    turn = mine.cosine * theirs.sine - mine.sine * theirs.cosine
-    width = mine.half_width + theirs.half_length * jnp.abs(turn) + theirs.half_width * cosine
-    centre = mine.cosine * apart_y - mine.sine * apart_x
-    # The own velocity has no part across the own heading.
-    shift = -theirs.speed * turn * duration
-    width += SLACK
-    apart = (centre + jnp.minimum(shift, 0) > width) | (centre + jnp.maximum(shift, 0) < -width)
-    return near & ~apart
-
-
 def candidates(world: World, boxes: Box, duration: ArrayLike) -> sets.Words:
-    """The vehicles each vehicle must be tested against.
+    """The vehicles each vehicle must be tested against: a quick test that never misses a pair.
 
-    A pair is tested when both are present and either checks collisions.
+    A pair is tested when both are present and either checks collisions. It cannot touch if it is
+    apart along the road, |dx| > r + r', or across the heading of the first,
+    |cos dy| > |sin dx| + w + w' + (l' + |v'| dt) |sin turn|: the exact test finds it apart along that
+    normal. Bounded by |dx| <= r + r' and |sin turn| <= |sin| + |sin'|, the right side falls into
+    terms of one vehicle each and one product.
 
     Args:
         world: one world.
@@ -66,13 +43,23 @@ def candidates(world: World, boxes: Box, duration: ArrayLike) -> sets.Words:
         For each vehicle a set of vehicles, [N].
     """
     present, checks = world.vehicles.present, world.drivers.checks_collisions
-    count, index = present.shape[0], numbered(present)
+    travel = jnp.abs(boxes.speed) * duration
+    reach = jnp.where(present, boxes.half_diagonal + travel + SLACK, -jnp.inf)
+    sine, cosine = jnp.abs(boxes.sine), jnp.abs(boxes.cosine)
+    stretch = boxes.half_length + travel
+    mine = sine * reach + boxes.half_width + SLACK
+    theirs = stretch * sine + boxes.half_width
+    both = stretch + reach
+    count = present.shape[0]
 
     def tested(other: int) -> Array:
-        pair = present & present[other] & (checks | checks[other]) & (index != other)
-        return pair & may_touch(boxes, other, duration)
+        along = jnp.abs(boxes.x - boxes.x[other]) <= reach + reach[other]
+        aside = jnp.abs(boxes.y - boxes.y[other]) * cosine
+        across = aside <= mine + theirs[other] + sine * both[other]
+        return along & across & (checks | checks[other])
 
-    return sets.where(count, tested)
+    met = sets.where(count, tested)
+    return sets.without(met, sets.single(numbered(present), count))
 
 
 class Outcome(NamedTuple):
@@ -88,7 +75,7 @@ class Outcome(NamedTuple):
     """m."""
 
 
-def resolve(world: World, duration: ArrayLike) -> World:
+def resolve(world: World, facing: Facing, duration: ArrayLike) -> World:
     """Crash vehicles that overlap and set impacts on those about to.
 
     Each of a pair is moved by half the way out. Pairs come in list order and later ones
@@ -97,26 +84,45 @@ def resolve(world: World, duration: ArrayLike) -> World:
 
     Args:
         world: one world, vehicles already moved.
+        facing: of its vehicles.
         duration: of the tick, s.
 
     Returns:
         The world with `crashed` and impacts set.
     """
     vehicles = world.vehicles
-    mine = once(vehicles.present, lambda: of_vehicles(world))
-    count, index = vehicles.x.shape[0], numbered(vehicles.x)
+    boxes = once(vehicles.present, lambda: of_vehicles(world, facing))
+    met = once(vehicles.present, lambda: candidates(world, boxes, duration))
+    before = Outcome(vehicles.crashed, vehicles.impacted, vehicles.impact_x, vehicles.impact_y)
+    after = few.where(
+        sets.inhabited(met),
+        before,
+        lambda chosen: _meet(chosen, boxes, chosen.own(met), chosen.own(before), duration),
+        one_in=TOUCHING,
+    )
+    return replace(world, vehicles=replace(vehicles, **after._asdict()))
+
+
+def _meet(
+    chosen: Chosen, boxes: Box, met: sets.Words, before: Outcome, duration: ArrayLike
+) -> Outcome:
+    """What happens to a few vehicles that go through their candidates, [K]."""
+    mine, count = once(chosen.real, lambda: chosen.own(boxes)), boxes.x.shape[0]
 
     def meet(state: tuple[sets.Words, Outcome]) -> tuple[sets.Words, Outcome]:
         left, so_far = state
         other = sets.smallest(left)
-        theirs = once(vehicles.present, lambda: Box(*(pick(value, other) for value in mine)))
-        first = index < other
+        met = once(
+            chosen.real, lambda: [chosen.at(value, jnp.maximum(other, 0)) for value in boxes]
+        )
+        theirs = Box(*met)
+        first = chosen.vehicle < other
         a = Box(*(jnp.where(first, m, t) for m, t in zip(mine, theirs, strict=True)))
         b = Box(*(jnp.where(first, t, m) for m, t in zip(mine, theirs, strict=True)))
-        pair = once(vehicles.present, lambda: overlap(a, b, duration))
+        pair = once(chosen.real, lambda: overlap(a, b, duration))
         tested = other >= 0
         hit = tested & pair.soon
-        share = jnp.where(first, 0.5, -0.5).astype(vehicles.x.dtype)
+        share = jnp.where(first, 0.5, -0.5).astype(boxes.x.dtype)
         after = Outcome(
             crashed=so_far.crashed | (tested & pair.now),
             impacted=so_far.impacted | hit,
@@ -125,7 +131,5 @@ def resolve(world: World, duration: ArrayLike) -> World:
         )
         return sets.without(left, sets.single(other, count)), after
 
-    met = once(vehicles.present, lambda: candidates(world, mine, duration))
-    before = Outcome(vehicles.crashed, vehicles.impacted, vehicles.impact_x, vehicles.impact_y)
     _, after = lax.while_loop(lambda state: jnp.any(sets.inhabited(state[0])), meet, (met, before))
-    return replace(world, vehicles=replace(vehicles, **after._asdict()))
+    return after

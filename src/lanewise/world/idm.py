@@ -7,9 +7,16 @@ simulations", 2000; in the form of ``highway_env.vehicle.behavior.IDMVehicle``.
 import jax.numpy as jnp
 from jax import Array
 
+from lanewise.world import few, neighbours
+from lanewise.world import view as views
+from lanewise.world.few import Chosen
 from lanewise.world.motion import Motion, not_zero
-from lanewise.world.neighbours import Front, Neighbours
+from lanewise.world.neighbours import Front
+from lanewise.world.once import once
 from lanewise.world.state import Drivers, World
+
+CHANGING = 20
+"""One driver in so many is changing lanes; see docs/speed.md."""
 
 
 def power(base: Array, exponent: Array) -> Array:
@@ -90,27 +97,28 @@ def following(world: World, motion: Motion, front: Front) -> Array:
     return jnp.where(front.exists, braking, 0)
 
 
-def accelerate(world: World, motion: Motion, around: Neighbours, target_lane: Array) -> Array:
+def accelerate(world: World, motion: Motion, target_lane: Array) -> Array:
     """Acceleration every rule-based driver commands; while changing, the smaller of two lanes'.
 
     Args:
         world: one world.
         motion: its motion.
-        around: neighbours, found before `target_lane` was chosen.
         target_lane: int32 [N], chosen in this tick.
 
     Returns:
         [N] clipped to each driver's limit, m/s^2.
     """
-    front = jnp.where(target_lane > motion.lane, 1, 0)
-    was_changing = world.vehicles.target_lane != motion.lane
-    to_right = (front == 1) & ~was_changing
-    other = jnp.where(
-        to_right,
-        following(world, motion, around.right.front),
-        following(world, motion, around.left.front),
-    )
-    braking = following(world, motion, around.own.front)
-    braking = jnp.where(target_lane != motion.lane, jnp.maximum(braking, other), braking)
+
+    def behind_both(chosen: Chosen) -> Array:
+        view = views.few(world, motion, chosen)
+        front = neighbours.front(world, motion, view, chosen.at(target_lane, chosen.vehicle))
+        return jnp.maximum(
+            chosen.at(braking, chosen.vehicle), following(view.world, view.motion, front)
+        )
+
+    front = neighbours.front(world, motion, views.everyone(world, motion), motion.lane)
+    braking = once(world.vehicles.present, lambda: following(world, motion, front))
+    changes = motion.decides & (target_lane != motion.lane)
+    braking = few.where(changes, braking, behind_both, one_in=CHANGING)
     limit = world.drivers.acceleration_limit
     return jnp.clip(free_road(world.drivers, motion.effort) - braking, -limit, limit)

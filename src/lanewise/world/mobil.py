@@ -7,15 +7,21 @@ in the form of ``highway_env.vehicle.behavior.IDMVehicle.change_lane_policy``.
 import jax.numpy as jnp
 from jax import Array, lax
 
-from lanewise.world import idm, sets
+from lanewise.world import few, idm, neighbours, sets
 from lanewise.world import road as roads
+from lanewise.world import view as views
+from lanewise.world.few import Chosen
 from lanewise.world.motion import Motion
-from lanewise.world.neighbours import Front, Neighbours, Pair, Rear
-from lanewise.world.once import once
+from lanewise.world.neighbours import Front, Pair, Rear
 from lanewise.world.state import RULE_BASED, World, numbered
+from lanewise.world.view import View
 
 SLOWEST_CHANGE = 1.0
 """Nobody starts a lane change below this speed, m/s."""
+DUE = 10
+"""One driver in so many thinks about a lane change in a tick: every second, at 10 Hz."""
+CHANGING = 20
+"""One driver in so many is changing lanes; see docs/speed.md."""
 TIMER_TOLERANCE = {"float32": 1e-5}
 """Slack of the timer's comparison by dtype, s; see `timer-in-float32` in docs/numerics.md."""
 
@@ -88,27 +94,39 @@ def recommends(world: World, motion: Motion, own: Pair, new: Pair) -> Array:
     return safe & (my_gain + drivers.politeness * others_gain >= drivers.minimum_gain)
 
 
-def choose(world: World, motion: Motion, around: Neighbours) -> Array:
+def choose(world: World, motion: Motion) -> Array:
     """Target lane of every driver that may start a change now; others keep theirs.
-
-    Left is tried first, then right, and right overwrites left (`right-overwrites-left`).
 
     Args:
         world: one world.
         motion: its motion.
-        around: neighbours.
 
     Returns:
         int32 [N].
     """
     vehicles = world.vehicles
-    reachable = roads.reachable_lanes(world.road, vehicles.x, vehicles.y)
     moving = due(world, motion) & (jnp.abs(vehicles.speed) >= SLOWEST_CHANGE)
-    target = vehicles.target_lane
-    for lane, new in ((motion.lane - 1, around.left), (motion.lane + 1, around.right)):
-        open_ = (reachable & roads.lane_bit(world.road, lane)) != 0
-        wanted = moving & open_ & recommends(world, motion, around.own, new)
-        target = jnp.where(wanted, lane, target)
+    return few.where(
+        moving,
+        vehicles.target_lane,
+        lambda chosen: _chosen_lane(world, motion, views.few(world, motion, chosen)),
+        one_in=DUE,
+    )
+
+
+def _chosen_lane(world: World, motion: Motion, view: View) -> Array:
+    """The lane each vehicle of a view prefers, int32 [Q].
+
+    Left is tried first, then right, and right overwrites left (`right-overwrites-left`).
+    """
+    mine, seen = view.world, view.motion
+    reachable = roads.reachable_lanes(mine.road, mine.vehicles.x, mine.vehicles.y)
+    own = neighbours.both(world, motion, view, seen.lane)
+    target = mine.vehicles.target_lane
+    for lane in (seen.lane - 1, seen.lane + 1):
+        new = neighbours.both(world, motion, view, lane)
+        open_ = (reachable & roads.lane_bit(mine.road, lane)) != 0
+        target = jnp.where(open_ & recommends(mine, seen, own, new), lane, target)
     return target
 
 
@@ -132,20 +150,13 @@ def aborts(world: World, motion: Motion, chosen: Array) -> Array:
     vehicles, drivers = world.vehicles, world.drivers
     target, lane = vehicles.target_lane, motion.lane
     considers = motion.decides & drivers.changes_lanes & (target != lane)
-    rule_based = vehicles.present & (drivers.kind == RULE_BASED)
     count, index = lane.shape[0], numbered(lane)
 
-    def contests(other: int) -> Array:
-        rival_speed = (
-            motion.velocity_x[other] * motion.cosine + motion.velocity_y[other] * motion.sine
-        )
-        gap = vehicles.x[other] - vehicles.x
-        wanted = idm.desired_gap(drivers, vehicles.speed, vehicles.speed - rival_speed)
-        seen = jnp.where(other < index, chosen[other], target[other])
-        bound_too = rule_based[other] & (seen == target) & (lane[other] != target)
-        return considers & bound_too & (gap > 0) & (gap < wanted)
+    def contested(some: Chosen) -> sets.Words:
+        return _rivals(world, motion, views.few(world, motion, some), chosen)
 
-    rivals = once(vehicles.present, lambda: sets.where(count, contests))
+    nobody = sets.where(count, lambda _: jnp.zeros_like(considers))
+    rivals = few.where(considers, nobody, contested, one_in=CHANGING)
     undecided = sets.both(
         sets.below(index, count), sets.where(count, lambda other: considers[other])
     )
@@ -163,18 +174,40 @@ def aborts(world: World, motion: Motion, chosen: Array) -> Array:
     return abort
 
 
-def decide(world: World, motion: Motion, around: Neighbours) -> tuple[Array, Array]:
+def _rivals(world: World, motion: Motion, view: View, chosen: Array) -> sets.Words:
+    """The rivals of each vehicle of a view, which is changing lanes; [Q] sets of vehicles."""
+    mine, seen = view.world, view.motion
+    target = mine.vehicles.target_lane
+    x, velocity_x, velocity_y, lane = view.around(
+        (world.vehicles.x, motion.velocity_x, motion.velocity_y, motion.lane)
+    )
+    rule_based = world.vehicles.present & (world.drivers.kind == RULE_BASED)
+    rule_based, before, after = view.around((rule_based, world.vehicles.target_lane, chosen))
+
+    def contests(other: int) -> Array:
+        rival_speed = velocity_x[other] * seen.cosine + velocity_y[other] * seen.sine
+        gap = x[other] - mine.vehicles.x
+        wanted = idm.desired_gap(
+            mine.drivers, mine.vehicles.speed, mine.vehicles.speed - rival_speed
+        )
+        bound_for = jnp.where(other < view.number, after[other], before[other])
+        bound_too = rule_based[other] & (bound_for == target) & (lane[other] != target)
+        return bound_too & (gap > 0) & (gap < wanted)
+
+    return sets.where(x.shape[0], contests)
+
+
+def decide(world: World, motion: Motion) -> tuple[Array, Array]:
     """Every rule-based driver's target lane, and the timers of those that thought about it.
 
     Args:
         world: one world.
         motion: its motion.
-        around: neighbours.
 
     Returns:
         Target lanes int32 [N] and timers [N], s.
     """
-    chosen = choose(world, motion, around)
+    chosen = choose(world, motion)
     target = jnp.where(aborts(world, motion, chosen), motion.lane, chosen)
     timer = jnp.where(due(world, motion), 0, world.vehicles.timer)
     return target, timer

@@ -9,11 +9,24 @@ import jax.numpy as jnp
 from jax import Array
 
 from lanewise.world import road as roads
+from lanewise.world.once import once
 from lanewise.world.select import pick
-from lanewise.world.state import RULE_BASED, World
+from lanewise.world.state import RULE_BASED, Vehicles, World
 
 SMALLEST = 1e-2
 """`not_zero` keeps numbers at least this far from zero."""
+
+
+class Facing(NamedTuple):
+    """Where vehicles are headed, arrays [N].
+
+    It changes once a tick, when they move, and takes as long as any other part of a tick.
+    """
+
+    cosine: Array
+    """Of the heading."""
+    sine: Array
+    """Of the heading."""
 
 
 class Motion(NamedTuple):
@@ -21,6 +34,8 @@ class Motion(NamedTuple):
 
     lane: Array
     """int32: the closest lane."""
+    occupied: Array
+    """int32: the lanes it is a neighbour on, a set of `road.lane_bit`; none of an absent one."""
     cosine: Array
     """Of the heading."""
     sine: Array
@@ -50,13 +65,21 @@ def not_zero(value: Array) -> Array:
     return jnp.where(jnp.abs(value) > SMALLEST, value, substitute.astype(value.dtype))
 
 
-def observe(world: World) -> Motion:
+def facing(vehicles: Vehicles) -> Facing:
+    """Where every vehicle is headed, computed once."""
+    return once(
+        vehicles.present, lambda: Facing(jnp.cos(vehicles.heading), jnp.sin(vehicles.heading))
+    )
+
+
+def observe(world: World, facing: Facing) -> Motion:
     """Derive what a tick needs to know of every vehicle.
 
     The effort is max(speed, 0) / |not_zero(clip(target speed, 0, limit of the own lane))|.
 
     Args:
         world: one world.
+        facing: of its vehicles.
 
     Returns:
         Its motion.
@@ -65,9 +88,11 @@ def observe(world: World) -> Motion:
     lane = roads.closest_lane(world.road, vehicles.x, vehicles.y)
     limit = pick(world.road.speed_limit, lane)
     target_speed = jnp.clip(drivers.target_speed, 0, limit)
-    cosine, sine = jnp.cos(vehicles.heading), jnp.sin(vehicles.heading)
+    cosine, sine = facing
+    occupied = roads.occupied_lanes(world.road, vehicles.x, vehicles.y)
     return Motion(
         lane=lane,
+        occupied=jnp.where(vehicles.present, occupied, 0),
         cosine=cosine,
         sine=sine,
         velocity_x=vehicles.speed * cosine,

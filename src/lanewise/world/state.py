@@ -73,8 +73,8 @@ class Drivers:
     """[N] s."""
     acceleration_limit: Array
     """[N] m/s^2."""
-    steering_limit: Array
-    """[N] rad."""
+    slip_limit: Array
+    """[N] sine of the slip angle at the steering limit; see `Vehicles.slip_sine`."""
     changes_lanes: Array
     """bool [N]."""
     checks_collisions: Array

@@ -12,8 +12,8 @@ from jax import Array, lax
 from jax.custom_batching import custom_vmap
 from jax.typing import ArrayLike
 
-from lanewise.world import bicycle, collision, idm, mobil, motion, neighbours, steering
-from lanewise.world.motion import Motion
+from lanewise.world import bicycle, collision, idm, mobil, motion, steering
+from lanewise.world.motion import Facing, Motion
 from lanewise.world.once import once
 from lanewise.world.state import RULE_BASED, Vehicles, World
 
@@ -28,11 +28,17 @@ def tick(world: World, duration: ArrayLike) -> World:
     Returns:
         The world a step later.
     """
-    seen = once(world.vehicles.present, lambda: motion.observe(world))
+    return step(world, motion.facing(world.vehicles), duration)[0]
+
+
+def step(world: World, facing: Facing, duration: ArrayLike) -> tuple[World, Facing]:
+    """As `tick`, from where the vehicles are headed to where they are headed then."""
+    seen = once(world.vehicles.present, lambda: motion.observe(world, facing))
     world = act(world, seen)
-    world = bicycle.move(world, duration)
+    world = bicycle.move(world, facing, duration)
     world = wait(world, duration)
-    return collision.resolve(world, duration)
+    facing = motion.facing(world.vehicles)
+    return collision.resolve(world, facing, duration), facing
 
 
 def act(world: World, seen: Motion) -> World:
@@ -45,21 +51,20 @@ def act(world: World, seen: Motion) -> World:
     Returns:
         The world with commands, target lanes and timers set; nobody has moved yet.
     """
-    vehicles, decides = world.vehicles, seen.decides
-    around = neighbours.find(world, seen)
-    target_lane, timer = mobil.decide(world, seen, around)
-    acceleration = idm.accelerate(world, seen, around, target_lane)
-    slip_sine = steering.keep_lane(world, target_lane)
-    return replace(
-        world,
-        vehicles=replace(
-            vehicles,
-            target_lane=target_lane,
-            timer=timer,
-            acceleration=jnp.where(decides, acceleration, vehicles.acceleration),
-            slip_sine=jnp.where(decides, slip_sine, vehicles.slip_sine),
-        ),
-    )
+    vehicles = world.vehicles
+
+    def decided() -> dict[str, Array]:
+        target_lane, timer = mobil.decide(world, seen)
+        acceleration = idm.accelerate(world, seen, target_lane)
+        slip_sine = steering.keep_lane(world, target_lane)
+        return {
+            "target_lane": target_lane,
+            "timer": timer,
+            "acceleration": jnp.where(seen.decides, acceleration, vehicles.acceleration),
+            "slip_sine": jnp.where(seen.decides, slip_sine, vehicles.slip_sine),
+        }
+
+    return replace(world, vehicles=replace(vehicles, **once(vehicles.present, decided)))
 
 
 def wait(world: World, duration: ArrayLike) -> World:
@@ -94,10 +99,13 @@ def run(world: World, duration: float, count: int) -> World:
 
     @custom_vmap
     def later(world: World) -> Vehicles:
-        def once(_: int, vehicles: Vehicles) -> Vehicles:
-            return tick(replace(world, vehicles=vehicles), duration).vehicles
+        def next_tick(_: int, now: tuple[Vehicles, Facing]) -> tuple[Vehicles, Facing]:
+            vehicles, facing = now
+            after, facing = step(replace(world, vehicles=vehicles), facing, duration)
+            return after.vehicles, facing
 
-        after: Vehicles = lax.fori_loop(0, count, once, world.vehicles)
+        begun = world.vehicles, motion.facing(world.vehicles)
+        after: Vehicles = lax.fori_loop(0, count, next_tick, begun)[0]
         return after
 
     @later.def_vmap

@@ -1,0 +1,1 @@
+"""Measurements of speed and memory, beside the peers that are installed, in one run."""

@@ -1,0 +1,84 @@
+"""Where the peers live: this interpreter and others the user names, each asked what it can import."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from lanewise.errors import LanewiseError
+
+NEEDS = {
+    "highway-env": ("highway-env", "lanewise"),
+    "EnvPool": ("envpool",),
+    "PyTorch": ("torch",),
+    "Stable-Baselines3": ("stable_baselines3", "torch"),
+    "Stable-Baselines3 on highway-env": ("stable_baselines3", "highway-env", "lanewise"),
+}
+"""Distributions that must be installed beside one another to measure a peer."""
+ASK = """
+import json, sys
+from importlib.metadata import PackageNotFoundError, version
+found = {}
+for name in json.loads(sys.argv[1]):
+    try:
+        found[name] = version(name)
+    except PackageNotFoundError:
+        pass
+print(json.dumps(found))
+"""
+
+
+@dataclass(frozen=True)
+class Interpreter:
+    """A Python interpreter and what is installed for it."""
+
+    path: Path
+    versions: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Interpreters:
+    """The interpreters at hand, in the order in which they are asked."""
+
+    known: tuple[Interpreter, ...]
+
+    def find(self, peer: str) -> Path | None:
+        """The first interpreter in which a peer of `NEEDS` can be measured, or None."""
+        needs = NEEDS[peer]
+        return next((one.path for one in self.known if set(needs) <= set(one.versions)), None)
+
+    def absent(self) -> list[str]:
+        """Peers that cannot be measured."""
+        return [peer for peer in NEEDS if self.find(peer) is None]
+
+    def versions(self) -> dict[str, str]:
+        """Versions of the peers' distributions, each where it is measured first."""
+        found: dict[str, str] = {}
+        for one in self.known:
+            found = one.versions | found
+        return found
+
+
+def ask(paths: Iterable[Path]) -> Interpreters:
+    """Ask this interpreter and those at ``paths``.
+
+    Raises:
+        LanewiseError: one of them is no Python interpreter.
+    """
+    return Interpreters(tuple(_ask(path) for path in (Path(sys.executable), *paths)))
+
+
+def _ask(path: Path) -> Interpreter:
+    wanted = json.dumps(sorted({name for names in NEEDS.values() for name in names}))
+    try:
+        answer = subprocess.run(
+            [str(path), "-c", ASK, wanted], capture_output=True, text=True, check=True, timeout=60
+        )
+        versions = json.loads(answer.stdout)
+    except (OSError, subprocess.SubprocessError, ValueError) as error:
+        raise LanewiseError(
+            f"--python: {path} is no Python interpreter; give one such as peers/bin/python"
+        ) from error
+    return Interpreter(path, versions)
