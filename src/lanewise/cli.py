@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from lanewise import __version__
-from lanewise.commands import compare, evaluate, reproduce, sweep, train, watch
+from lanewise.commands import bench, compare, evaluate, reproduce, sweep, train, watch
 from lanewise.commands.arguments import Parsed, parse
 from lanewise.errors import LanewiseError, SettingsError
 from lanewise.names import look_up
@@ -22,6 +22,7 @@ COMMANDS: dict[str, type] = {
     "watch": watch.Watch,
     "sweep": sweep.Sweep,
     "reproduce": reproduce.Reproduce,
+    "bench": bench.Bench,
 }
 
 RUNNERS: dict[str, Callable[[Parsed[Any]], int]] = {
@@ -31,6 +32,7 @@ RUNNERS: dict[str, Callable[[Parsed[Any]], int]] = {
     "watch": watch.run,
     "sweep": sweep.run,
     "reproduce": reproduce.run,
+    "bench": bench.run,
 }
 
 DESCRIPTION = (

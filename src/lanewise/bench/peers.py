@@ -1,4 +1,4 @@
-"""Where the peers live: this interpreter and others the user names, each asked what it can import."""
+"""Where the peers live: in this interpreter or in others, each asked what is installed for it."""
 
 import json
 import subprocess

@@ -5,7 +5,7 @@ action depends on the seed, the start and the decision alone, so that the same s
 actions in any world, in any batch, in ours and in highway-env.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -44,7 +44,7 @@ class Drive:
     lanes: int = 3
     duration: int = 50
     """Decisions after which an episode is truncated: 25 s."""
-    driving: DrivingSettings = DrivingSettings()
+    driving: DrivingSettings = field(default_factory=DrivingSettings)
 
     @property
     def scenario(self) -> TrapSettings:

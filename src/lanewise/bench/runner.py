@@ -1,9 +1,10 @@
 """Runs one worker in the interpreter that is given this file. Standard library only.
 
-``python runner.py WORKER.py '{"argument": value}' CORE…``: calls the worker's ``prepare``, says that
-it is ready, waits for a line, then calls what ``prepare`` returned and prints its result as JSON. So
-that several can begin at the same moment, and preparing (imports, compilation) is never counted.
-The interpreter may be one in which Lanewise is not installed: a peer is measured where it lives.
+``python runner.py WORKER.py '{"argument": value}' CORE…``: calls the worker's ``prepare``, says
+that it is ready, waits for a line, then calls what ``prepare`` returned and prints its result as
+JSON. So several can begin at the same moment, and preparing (imports, compilation) is never
+counted. The interpreter may be one in which Lanewise is not installed: a peer is measured where it
+lives.
 """
 
 import json

@@ -29,10 +29,10 @@ def candidates(world: World, boxes: Box, duration: ArrayLike) -> sets.Words:
     """The vehicles each vehicle must be tested against: a quick test that never misses a pair.
 
     A pair is tested when both are present and either checks collisions. It cannot touch if it is
-    apart along the road, |dx| > r + r', or across the heading of the first,
-    |cos dy| > |sin dx| + w + w' + (l' + |v'| dt) |sin turn|: the exact test finds it apart along that
-    normal. Bounded by |dx| <= r + r' and |sin turn| <= |sin| + |sin'|, the right side falls into
-    terms of one vehicle each and one product.
+    apart along the road, |dx| > r + r', or across the heading of the first, |cos dy| > |sin dx|
+    + w + w' + (l' + |v'| dt) |sin turn|: along that normal the exact test finds it apart. Bounded
+    by |dx| <= r + r' and |sin turn| <= |sin| + |sin'|, the right side falls into terms of one
+    vehicle each and one product.
 
     Args:
         world: one world.

@@ -1,8 +1,8 @@
 """Work for the few vehicles it concerns.
 
-In a tick one driver in ten thinks about a lane change, and hardly any two cars touch. Vector code for
-all of them throws nearly everything away, so on CPUs the few are taken out of all worlds, computed
-side by side and put back.
+In a tick one driver in ten thinks about a lane change, and hardly any two cars touch. Vector code
+for all of them throws nearly everything away, so on CPUs the few are taken out of all worlds,
+computed side by side and put back.
 """
 
 from collections.abc import Callable
@@ -12,6 +12,9 @@ from typing import TypeVar
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
+
+from lanewise.world import sets
+from lanewise.world.once import on_cpu
 
 ENOUGH = 64
 """Up to so many vehicles, all worlds together, all are computed at once."""
@@ -64,9 +67,7 @@ class Chosen:
         return full, full.shape[1]
 
 
-def where(
-    mask: Array, otherwise: Tree, compute: Callable[[Chosen], Tree], one_in: int
-) -> Tree:
+def where(mask: Array, otherwise: Tree, compute: Callable[[Chosen], Tree], one_in: int) -> Tree:
     """Values computed for some vehicles.
 
     Args:
@@ -98,11 +99,8 @@ def where(
         result: Tree = jax.tree.map(lambda leaf: leaf.reshape(mask.shape), found)
         return result
 
-    if mask.size <= ENOUGH:
-        return everyone()
     # A loop whose length the data decide makes other devices wait for the host.
-    result: Tree = lax.platform_dependent(cpu=in_turn, default=everyone)
-    return result
+    return in_turn() if on_cpu() and mask.size > ENOUGH else everyone()
 
 
 def _in_turn(
@@ -150,9 +148,10 @@ def _members(
     noted = jnp.zeros(count, jnp.int32).at[jnp.where(counts, begins, count)].set(index, mode="drop")
     place = lax.cummax(noted)
     rank = first + jnp.arange(count, dtype=jnp.int32) - before[place]
-    members = mask.at[:, place].get(mode="promise_in_bounds")
+    words = [word[place] for word in sets.where(mask.shape[0], lambda number: mask[number])]
     vehicle, seen = jnp.zeros(count, jnp.int32), jnp.zeros(count, jnp.int32)
     for number in range(mask.shape[0]):
-        vehicle = jnp.where(members[number] & (seen == rank), number, vehicle)
-        seen += members[number]
+        member = (words[number // sets.BITS] >> (number % sets.BITS)) & 1 != 0
+        vehicle = jnp.where(member & (seen == rank), number, vehicle)
+        seen += member
     return vehicle, place

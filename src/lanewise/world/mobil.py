@@ -4,6 +4,7 @@ Kesting, Treiber, Helbing, "General lane-changing model MOBIL for car-following 
 in the form of ``highway_env.vehicle.behavior.IDMVehicle.change_lane_policy``.
 """
 
+import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
@@ -13,6 +14,7 @@ from lanewise.world import view as views
 from lanewise.world.few import Chosen
 from lanewise.world.motion import Motion
 from lanewise.world.neighbours import Front, Pair, Rear
+from lanewise.world.once import once
 from lanewise.world.state import RULE_BASED, World, numbered
 from lanewise.world.view import View
 
@@ -20,8 +22,8 @@ SLOWEST_CHANGE = 1.0
 """Nobody starts a lane change below this speed, m/s."""
 DUE = 10
 """One driver in so many thinks about a lane change in a tick: every second, at 10 Hz."""
-CHANGING = 20
-"""One driver in so many is changing lanes; see docs/speed.md."""
+CONTESTED = 50
+"""One driver in so many is changing to a lane that others are bound for; see docs/speed.md."""
 TIMER_TOLERANCE = {"float32": 1e-5}
 """Slack of the timer's comparison by dtype, s; see `timer-in-float32` in docs/numerics.md."""
 
@@ -106,28 +108,34 @@ def choose(world: World, motion: Motion) -> Array:
     """
     vehicles = world.vehicles
     moving = due(world, motion) & (jnp.abs(vehicles.speed) >= SLOWEST_CHANGE)
+    reachable = once(
+        vehicles.present, lambda: roads.reachable_lanes(world.road, vehicles.x, vehicles.y)
+    )
     return few.where(
         moving,
         vehicles.target_lane,
-        lambda chosen: _chosen_lane(world, motion, views.few(world, motion, chosen)),
+        lambda chosen: _chosen_lane(
+            world, motion, views.few(world, motion, chosen), chosen.own(reachable)
+        ),
         one_in=DUE,
     )
 
 
-def _chosen_lane(world: World, motion: Motion, view: View) -> Array:
-    """The lane each vehicle of a view prefers, int32 [Q].
+def _chosen_lane(world: World, motion: Motion, view: View, reachable: Array) -> Array:
+    """The lane each vehicle of a view prefers, of those it can reach; int32 [Q].
 
     Left is tried first, then right, and right overwrites left (`right-overwrites-left`).
     """
     mine, seen = view.world, view.motion
-    reachable = roads.reachable_lanes(mine.road, mine.vehicles.x, mine.vehicles.y)
-    own = neighbours.both(world, motion, view, seen.lane)
-    target = mine.vehicles.target_lane
-    for lane in (seen.lane - 1, seen.lane + 1):
-        new = neighbours.both(world, motion, view, lane)
-        open_ = (reachable & roads.lane_bit(mine.road, lane)) != 0
-        target = jnp.where(open_ & recommends(mine, seen, own, new), lane, target)
-    return target
+    # The lanes side by side: as many steps for the three of them as for one.
+    lanes = seen.lane + jnp.array([0, -1, 1], jnp.int32).reshape(-1, *(1,) * seen.lane.ndim)
+    around = once(view.real, lambda: neighbours.both(world, motion, view, lanes))
+    own: Pair = jax.tree.map(lambda leaf: leaf[0], around)
+    new: Pair = jax.tree.map(lambda leaf: leaf[1:], around)
+    open_ = (reachable & roads.lane_bit(lanes[1:])) != 0
+    left, right = open_ & recommends(mine, seen, own, new)
+    target = jnp.where(left, lanes[1], mine.vehicles.target_lane)
+    return jnp.where(right, lanes[2], target)
 
 
 def aborts(world: World, motion: Motion, chosen: Array) -> Array:
@@ -152,14 +160,14 @@ def aborts(world: World, motion: Motion, chosen: Array) -> Array:
     considers = motion.decides & drivers.changes_lanes & (target != lane)
     count, index = lane.shape[0], numbered(lane)
 
-    def contested(some: Chosen) -> sets.Words:
+    def met(some: Chosen) -> sets.Words:
         return _rivals(world, motion, views.few(world, motion, some), chosen)
 
     nobody = sets.where(count, lambda _: jnp.zeros_like(considers))
-    rivals = few.where(considers, nobody, contested, one_in=CHANGING)
-    undecided = sets.both(
-        sets.below(index, count), sets.where(count, lambda other: considers[other])
-    )
+    contested = considers & _is_contested(world, motion, chosen)
+    rivals = few.where(contested, nobody, met, one_in=CONTESTED)
+    changers = once(vehicles.present, lambda: sets.where(count, lambda other: considers[other]))
+    undecided = sets.both(sets.below(index, count), changers)
     unsettled = sets.both(rivals, undecided)
     sure = sets.inhabited(sets.without(rivals, undecided))
 
@@ -172,6 +180,26 @@ def aborts(world: World, motion: Motion, chosen: Array) -> Array:
     start = sure, jnp.any(sets.inhabited(unsettled))
     abort, _ = lax.while_loop(lambda state: state[1], settle, start)
     return abort
+
+
+def _is_contested(world: World, motion: Motion, chosen: Array) -> Array:
+    """Whether two vehicles or more are bound for the lane each is bound for, bool [N].
+
+    A quick test that never misses a rival.
+    """
+    vehicles = world.vehicles
+    target = roads.lane_bit(vehicles.target_lane)
+    bound = (target | roads.lane_bit(chosen)) & ~roads.lane_bit(motion.lane)
+    bound = jnp.where(vehicles.present & (world.drivers.kind == RULE_BASED), bound, 0)
+
+    def bound_by_several() -> Array:
+        some = several = jnp.zeros_like(bound[0])
+        for number in range(bound.shape[0]):
+            several |= some & bound[number]
+            some |= bound[number]
+        return several
+
+    return (target & once(vehicles.present, bound_by_several)) != 0
 
 
 def _rivals(world: World, motion: Motion, view: View, chosen: Array) -> sets.Words:

@@ -1,8 +1,8 @@
 """The nearest vehicle ahead and behind, on the lanes a driver cares about.
 
 ``Road.neighbour_vehicles`` of highway-env: among the other vehicles on a lane, ahead is the nearest
-with x_other >= x, the last in the list of equals; behind is the nearest with x_other < x, the first of
-equals.
+with x_other >= x, the last in the list of equals; behind is the nearest with x_other < x, the first
+of equals.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,7 @@ from lanewise.world.view import View
 
 
 class Front(NamedTuple):
-    """The nearest vehicle ahead of each vehicle on some lane, arrays [Q]."""
+    """The nearest vehicle ahead of each vehicle on some lane, arrays [Q] or [L, Q]."""
 
     exists: Array
     """bool."""
@@ -31,7 +31,7 @@ class Front(NamedTuple):
 
 
 class Rear(NamedTuple):
-    """The nearest vehicle behind each vehicle on some lane, arrays [Q]."""
+    """The nearest vehicle behind each vehicle on some lane, arrays [Q] or [L, Q]."""
 
     exists: Array
     """bool."""
@@ -61,10 +61,11 @@ def front(world: World, motion: Motion, view: View, lane: Array) -> Front:
         world: everyone.
         motion: everyone's.
         view: who looks.
-        lane: int32 [Q], the lane each looks at; outside the road nobody is found.
+        lane: int32 [Q] or [L, Q], the lane each looks at, or several; outside the road nobody is
+            found.
 
     Returns:
-        Arrays [Q].
+        Arrays in the shape of ``lane``.
     """
     vehicles, count = world.vehicles, world.vehicles.x.shape[0]
     found = once(vehicles.present, lambda: _ahead(view, lane))
@@ -83,10 +84,11 @@ def rear(world: World, motion: Motion, view: View, lane: Array) -> Rear:
         world: everyone.
         motion: everyone's.
         view: who looks.
-        lane: int32 [Q], the lane each looks at; outside the road nobody is found.
+        lane: int32 [Q] or [L, Q], the lane each looks at, or several; outside the road nobody is
+            found.
 
     Returns:
-        Arrays [Q].
+        Arrays in the shape of ``lane``.
     """
     vehicles, count = world.vehicles, world.vehicles.x.shape[0]
     found = once(vehicles.present, lambda: _behind(view, lane))
@@ -106,10 +108,10 @@ def both(world: World, motion: Motion, view: View, lane: Array) -> Pair:
 
 
 def _ahead(view: View, lane: Array) -> Array:
-    """Number of the vehicle ahead, int32 [Q]; N where there is none."""
+    """Number of the vehicle ahead, int32, in the shape of ``lane``; N where there is none."""
     own = view.world.vehicles.x
     x, occupied = view.x, view.occupied
-    bit = roads.lane_bit(view.world.road, lane)
+    bit = roads.lane_bit(lane)
     count = x.shape[0]
     found, nearest = jnp.full(lane.shape, count), jnp.full(lane.shape, jnp.inf, own.dtype)
     for other in range(count):
@@ -121,10 +123,10 @@ def _ahead(view: View, lane: Array) -> Array:
 
 
 def _behind(view: View, lane: Array) -> Array:
-    """Number of the vehicle behind, int32 [Q]; N where there is none."""
+    """Number of the vehicle behind, int32, in the shape of ``lane``; N where there is none."""
     own = view.world.vehicles.x
     x, occupied = view.x, view.occupied
-    bit = roads.lane_bit(view.world.road, lane)
+    bit = roads.lane_bit(lane)
     count = x.shape[0]
     found, nearest = jnp.full(lane.shape, count), jnp.full(lane.shape, -jnp.inf, own.dtype)
     for other in range(count):

@@ -25,16 +25,23 @@ def once(present: Array, compute: Callable[[], Tree]) -> Tree:
     Returns:
         Its result.
     """
-
-    def nothing() -> Tree:
-        shapes = jax.eval_shape(compute)
-        zeros: Tree = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
-        return zeros
-
-    def kept() -> Tree:
-        result: Tree = lax.cond(jnp.any(present), compute, nothing)
-        return result
-
-    # Elsewhere a conditional costs more than it saves, and waits for the host.
-    result: Tree = lax.platform_dependent(cpu=kept, default=compute)
+    if not on_cpu():
+        # A conditional costs more than it saves there, and waits for the host.
+        return compute()
+    # Traced once: such steps lie within one another, and each would double those inside it.
+    traced = jax.jit(compute, inline=True)
+    shapes = jax.eval_shape(traced)
+    result: Tree = lax.cond(
+        jnp.any(present),
+        traced,
+        lambda: jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes),
+    )
     return result
+
+
+def on_cpu() -> bool:
+    """Whether programs are compiled for CPUs.
+
+    Asked while tracing and not of `lax.platform_dependent`, which traces for every platform.
+    """
+    return jax.default_backend() == "cpu"

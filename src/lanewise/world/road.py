@@ -93,20 +93,18 @@ def lateral_offset(road: Road, lane: Array, y: Array) -> Array:
     return y - pick(road.centre, lane)
 
 
-def lane_bit(road: Road, lane: Array) -> Array:
-    """A lane as one bit of an integer; 0 for a lane that does not exist.
+def lane_bit(lane: Array) -> Array:
+    """A lane as one bit of an integer, 0 for a lane outside the road, to be looked up in a set.
+
+    The sets hold only lanes that exist.
 
     Args:
-        road: the road, of at most 31 lanes.
-        lane: int [N], may lie outside the road.
+        lane: int of any shape; -1 is left of the road, and nobody is right of lane 30.
 
     Returns:
-        int32 [N].
+        int32 of that shape.
     """
-    bit = jnp.zeros(lane.shape, jnp.int32)
-    for index in range(road.present.shape[0]):
-        bit = jnp.where((lane == index) & road.present[index], 1 << index, bit)
-    return bit
+    return jnp.where(lane >= 0, jnp.int32(1) << jnp.maximum(lane, 0).astype(jnp.int32), 0)
 
 
 def occupied_lanes(road: Road, x: Array, y: Array) -> Array:

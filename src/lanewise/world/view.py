@@ -23,7 +23,7 @@ class View:
     """Q vehicles that look at the N of their world; all of them, or a few of many worlds."""
 
     world: World
-    """Vehicles and drivers [Q], lanes [M] or [M, Q]."""
+    """Its vehicles and drivers are the viewers', [Q]; the road is as it was."""
     motion: Motion
     """[Q]."""
     x: Array
@@ -34,6 +34,11 @@ class View:
     """int32, of each vehicle in its world; broadcasts with [Q]."""
     chosen: Chosen | None = None
     """Which vehicles they are; None for all."""
+
+    @property
+    def real(self) -> Array:
+        """bool, any shape: those that count."""
+        return self.world.vehicles.present if self.chosen is None else self.chosen.real
 
     def around(self, tree: Tree) -> Tree:
         """Values of everyone in their worlds: arrays [N, ...] that broadcast with [Q] each."""
@@ -60,7 +65,7 @@ def few(world: World, motion: Motion, chosen: Chosen) -> View:
 
     def taken() -> tuple[World, Motion, Array, Array]:
         drivers, vehicles, seen = chosen.own((world.drivers, world.vehicles, motion))
-        mine = World(chosen.around(world.road), drivers, vehicles)
+        mine = World(world.road, drivers, vehicles)
         return mine, seen, *chosen.around((world.vehicles.x, motion.occupied))
 
     # A gather that is part of a longer computation keeps all of it from using vector instructions.

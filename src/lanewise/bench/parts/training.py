@@ -19,27 +19,33 @@ def tasks(asked: Asked) -> list[Task]:
     """
     seconds = {"seconds": asked.seconds}
     measured: list[tuple[str, str, dict[str, Any], Path | None]] = [
-        (f"lanewise, {worlds} world{'s' if worlds > 1 else ''}", "lanewise_training",
-         seconds | {"worlds": worlds}, None)
+        (
+            f"lanewise, {worlds} world{'s' if worlds > 1 else ''}",
+            "lanewise_training",
+            seconds | {"worlds": worlds},
+            None,
+        )
         for worlds in WORLDS
     ]
-    if python := asked.interpreters.find("Stable-Baselines3 on highway-env"):
-        measured.append((SUBJECT_SB3, "sb3_training", seconds | {"vehicles": 12}, python))
+    if sb3 := asked.interpreters.find("Stable-Baselines3 on highway-env"):
+        measured.append((SUBJECT_SB3, "sb3_training", seconds | {"vehicles": 12}, sb3))
     return [
-        Task(f"training: {subject}: {case(apart, asked)}",
-             partial(_measure, asked, apart, subject, *rest))
+        Task(
+            f"training: {subject}: {case(apart, asked.cores)}",
+            partial(_measure, asked.cores, apart, subject, worker, arguments, python),
+        )
         for apart in ((False, True) if asked.cores > 1 else (False,))
-        for subject, *rest in measured
+        for subject, worker, arguments, python in measured
     ]
 
 
-def case(apart: bool, asked: Asked) -> str:
+def case(apart: bool, cores: int) -> str:
     """Name of the case: one training on all cores, or one on each."""
-    return f"{asked.cores} trainings, a core each" if apart else f"1 training, {asked.cores} cores"
+    return f"{cores} trainings, a core each" if apart else f"1 training, {cores} cores"
 
 
 def _measure(
-    asked: Asked,
+    cores: int,
     apart: bool,
     subject: str,
     worker: str,
@@ -47,9 +53,9 @@ def _measure(
     python: Path | None,
 ) -> list[Figure]:
     if apart:
-        results = processes.one_each(worker, arguments, asked.cores, python)
+        results = processes.one_each(worker, arguments, cores, python)
     else:
-        results = [processes.alone(worker, arguments | {"seed": 0}, asked.cores, python)]
+        results = [processes.alone(worker, arguments | {"seed": 0}, cores, python)]
     rate = sum(result["steps"] / result["seconds"] for result in results)
     one = results[0]
     detail: dict[str, Any] = {
@@ -61,4 +67,4 @@ def _measure(
     }
     if "compile_seconds" in one:
         detail["compile_seconds"] = one["compile_seconds"]
-    return [Figure(PART, case(apart, asked), subject, rate, "steps/s", detail)]
+    return [Figure(PART, case(apart, cores), subject, rate, "steps/s", detail)]

@@ -1,6 +1,7 @@
 """One update of double Q-learning: updates a second, and how near the matrix product's own rate."""
 
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -47,13 +48,16 @@ def tasks(asked: Asked) -> list[Task]:
                 torch,
             ),
         ]
-    if python := asked.interpreters.find("Stable-Baselines3"):
-        measured.append(("Stable-Baselines3, DQN", "sb3_update", same, python))
+    if sb3 := asked.interpreters.find("Stable-Baselines3"):
+        measured.append(("Stable-Baselines3, DQN", "sb3_update", same, sb3))
     return [
-        Task(f"update: {case}: {subject}", partial(_measure, case, subject, cores, *rest))
+        Task(
+            f"update: {case}: {subject}",
+            partial(_measure, case, subject, cores, worker, arguments, python),
+        )
         for cores in sorted({1, asked.cores})
         for case in [f"batch {learner.batch_size}, {cores} core{'s' if cores > 1 else ''}"]
-        for subject, *rest in measured
+        for subject, worker, arguments, python in measured
     ]
 
 
@@ -64,7 +68,7 @@ def flops(inputs: int, hidden: tuple[int, ...], outputs: int, batch: int) -> flo
     input except the first's, each of 2 operations a weight and transition.
     """
     widths = (inputs, *hidden, outputs)
-    weights = [wide * narrow for wide, narrow in zip(widths, widths[1:], strict=False)]
+    weights = [wide * narrow for wide, narrow in pairwise(widths)]
     return 2.0 * batch * (4 * sum(weights) + sum(weights[1:]))
 
 

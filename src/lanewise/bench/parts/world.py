@@ -48,9 +48,7 @@ def _of_size(asked: Asked, vehicles: int, cores: int) -> list[Task]:
             "duration": 25,
             "max_episode_steps": 50,
         }
-        found.append(
-            _task(case, "EnvPool", _pool(asked, "highway-v0", settings, cores, python))
-        )
+        found.append(_task(case, "EnvPool", _pool(asked, "highway-v0", settings, cores, python)))
     return found
 
 

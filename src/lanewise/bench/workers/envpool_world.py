@@ -21,9 +21,7 @@ def prepare(
         settings: of the environment, where they differ from the task's own.
         seed: of environments and actions.
     """
-    pool = envpool.make_gymnasium(
-        task, num_envs=envs, num_threads=threads, seed=seed, **settings
-    )
+    pool = envpool.make_gymnasium(task, num_envs=envs, num_threads=threads, seed=seed, **settings)
     config = pool.spec.config
     # Drawn before, so that the time is the pool's.
     actions = np.random.default_rng(seed).integers(0, pool.action_space.n, (1000, envs))

@@ -84,7 +84,7 @@ def timed(plan: StagePlan, progress: StageProgress, seconds: float) -> dict[str,
     while time.perf_counter() - began < seconds:
         asked = time.perf_counter()
         state, metrics = stage.advance(plan.course, {}, progress.state)
-        jax.block_until_ready(metrics)
+        metrics.finished.done.block_until_ready()
         loop += time.perf_counter() - asked
         progress, _ = host.book(plan, {}, progress, state, metrics)
         steps += stage.CHUNK * plan.course.budget.worlds

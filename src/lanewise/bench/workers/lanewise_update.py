@@ -17,7 +17,9 @@ UPDATES = 100
 """In a compiled call."""
 
 
-def prepare(inputs: int, outputs: int, seconds: float, seed: int = 0) -> Callable[[], dict[str, Any]]:
+def prepare(
+    inputs: int, outputs: int, seconds: float, seed: int = 0
+) -> Callable[[], dict[str, Any]]:
     """Fills a replay and compiles; the result updates for ``seconds``."""
     settings = LearnerSettings()
     keys = jax.random.split(jax.random.key(seed), 3)
@@ -32,13 +34,12 @@ def prepare(inputs: int, outputs: int, seconds: float, seed: int = 0) -> Callabl
             current, metrics = learner.update(settings, current, batch)
             return current, loss + metrics.loss
 
-        found: tuple[Learner, Any] = jax.lax.fori_loop(
-            0, UPDATES, one, (current, jnp.float32(0.0))
-        )
+        found: tuple[Learner, Any] = jax.lax.fori_loop(0, UPDATES, one, (current, jnp.float32(0.0)))
         return found
 
     began = time.perf_counter()
-    state, _ = jax.block_until_ready(updates(state, memory, keys[2]))
+    state, loss = updates(state, memory, keys[2])
+    loss.block_until_ready()
     compiling = time.perf_counter() - began
 
     def measure() -> dict[str, Any]:

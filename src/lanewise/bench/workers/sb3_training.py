@@ -1,7 +1,7 @@
 """Stable-Baselines3's DQN on the trap in the real highway-env, with an update every step.
 
-Network, batch, replay and step size are those of our training. Needs Stable-Baselines3, and Lanewise
-with highway-env for the starts.
+Network, batch, replay and step size are those of our training. Needs Stable-Baselines3, and
+Lanewise with highway-env for the starts.
 """
 
 import os
@@ -36,6 +36,7 @@ class Trap(gymnasium.Env[Any, Any]):
         self.action_space = gymnasium.spaces.Discrete(9)
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        """The next start."""
         super().reset(seed=seed)
         world = self._starts[self._episode % STARTS]
         self._env = live_drive.live(self._drive.driving, world, self._drive.duration)
@@ -43,6 +44,7 @@ class Trap(gymnasium.Env[Any, Any]):
         return self._seen(self._env.observation_type.observe()), {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """One decision."""
         seen, _, _, truncated, _ = self._env.step(int(action))
         ego = self._env.vehicle
         code = accidents.COLLISION if ego.crashed else accidents.NONE

@@ -7,10 +7,11 @@ its transitions too are drawn from a filled replay of the same size.
 import os
 import time
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import torch  # type: ignore[import-not-found]
-from torch import nn  # type: ignore[import-not-found]
+from torch import nn
 
 
 def prepare(
@@ -76,6 +77,6 @@ def network(inputs: int, hidden: list[int], outputs: int) -> Any:
     """A multilayer perceptron with ReLU between its layers."""
     widths = [inputs, *hidden, outputs]
     layers: list[Any] = []
-    for wide, narrow in zip(widths, widths[1:], strict=False):
+    for wide, narrow in pairwise(widths):
         layers += [nn.Linear(wide, narrow), nn.ReLU()]
     return nn.Sequential(*layers[:-1])

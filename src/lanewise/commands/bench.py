@@ -1,0 +1,95 @@
+"""``lanewise bench``: measures speed on this machine, beside the peers that are installed."""
+
+import json
+import shlex
+import sys
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+from lanewise.commands.arguments import Parsed
+from lanewise.errors import RunError
+from lanewise.progress import Progress
+from lanewise.ranges import Between, OneOf
+
+PARTS = (
+    *("start-up", "world", "latency", "update"),
+    *("training", "evaluation", "scaling", "level"),
+)
+"""Names of `bench.catalogue.PARTS`, known without importing it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench:
+    """Measure speed on this machine: ours and, beside it, the peers that are installed.
+
+    Peers are highway-env, EnvPool, PyTorch and Stable-Baselines3; benchmarks/README.md tells how to
+    install them. Let the machine do nothing else meanwhile.
+    """
+
+    parts: Annotated[tuple[str, ...], OneOf(PARTS)] = field(
+        default=(), metadata={"positional": True}
+    )
+    """What to measure: start-up, world, latency, update, training, evaluation, scaling, level (time
+    to the paper's level). All of them if none is given, which takes about half an hour on 2
+    cores."""
+    seconds: Annotated[float, Between(0.1, 3600.0, "s")] = 5.0
+    """Length of each measurement."""
+    seeds: Annotated[int, Between(1, 1000)] = 5
+    """Trainings whose time to the paper's level is taken."""
+    python: tuple[Path, ...] = ()
+    """Interpreters of other environments in which peers are installed."""
+    json: bool = field(default=False, metadata={"switch": True})
+    """Print one JSON object instead of tables."""
+    out: Path | None = None
+    """Also write the JSON object to this file, which must not exist."""
+
+
+def run(parsed: Parsed[Bench]) -> int:
+    """Measures; returns the exit code."""
+    command = parsed.command
+    if command.out is not None and command.out.exists():
+        raise RunError(f"{command.out} exists; choose another file")
+    from lanewise.bench import peers, processes, ratios, table
+    from lanewise.bench.catalogue import PARTS as MEASURED
+    from lanewise.bench.task import Asked
+
+    interpreters = peers.ask(command.python)
+    cores = len(processes.cores())
+    asked = Asked(command.seconds, command.seeds, cores, interpreters)
+    chosen = command.parts or tuple(MEASURED)
+    tasks = [task for part in MEASURED if part in chosen for task in MEASURED[part](asked)]
+    figures = []
+    with Progress(interval=0.0) as reporter:
+        for peer in interpreters.absent():
+            reporter.note(f"not installed, left out: {peer} (benchmarks/README.md)")
+        reporter.stage("measuring", len(tasks))
+        for number, task in enumerate(tasks, 1):
+            found = task.run()
+            figures += found
+            reporter.note(f"{task.label}: {found[0].value:,.4g} {found[0].unit}")
+            reporter.update(number)
+    said = ratios.of(figures, cores)
+    result: dict[str, Any] = _provenance(command, interpreters.versions()) | {
+        "figures": [asdict(figure) for figure in figures],
+        "ratios": [asdict(ratio) for ratio in said],
+    }
+    if command.out is not None:
+        command.out.parent.mkdir(parents=True, exist_ok=True)
+        command.out.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    sys.stdout.write((json.dumps(result) if command.json else table.text(figures, said)) + "\n")
+    return 0
+
+
+def _provenance(command: Bench, peers: dict[str, str]) -> dict[str, Any]:
+    """Where the figures come from."""
+    from lanewise.report import provenance
+
+    return {
+        "command": shlex.join(["lanewise", *sys.argv[1:]]),
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": provenance.machine(),
+        "versions": provenance.versions() | peers,
+        "seconds": command.seconds,
+    }
