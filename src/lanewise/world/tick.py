@@ -4,6 +4,7 @@ The order is highway-env's ``Road.act`` then ``Road.step``: all decide on the sa
 all move, then collisions are found.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import jax
@@ -14,8 +15,11 @@ from jax.typing import ArrayLike
 
 from lanewise.world import bicycle, collision, idm, mobil, motion, steering
 from lanewise.world.motion import Facing, Motion
-from lanewise.world.once import once
+from lanewise.world.once import on_cpu, once
 from lanewise.world.state import RULE_BASED, Vehicles, World
+
+CACHED = 4096
+"""Vehicles whose ticks are computed together on a CPU; see docs/speed.md."""
 
 
 def tick(world: World, duration: ArrayLike) -> World:
@@ -109,14 +113,52 @@ def run(world: World, duration: float, count: int) -> World:
         return after
 
     @later.def_vmap
-    def batched(size: int, batched: tuple[World], world: World) -> tuple[Vehicles, Vehicles]:
-        after = later(_worlds_last(world, batched[0], size))
-        return (
-            jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), after),
-            jax.tree.map(lambda _: True, after),
-        )
+    def batched(size: int, batched: tuple[World], worlds: World) -> tuple[Vehicles, Vehicles]:
+        def side_by_side(worlds: World, count: int) -> Vehicles:
+            after = later(_worlds_last(worlds, batched[0], count))
+            first: Vehicles = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), after)
+            return first
+
+        after = _in_blocks(side_by_side, worlds, batched[0], size)
+        return after, jax.tree.map(lambda _: True, after)
 
     return replace(world, vehicles=later(world))
+
+
+def _in_blocks(
+    advance: Callable[[World, int], Vehicles], worlds: World, batched: World, size: int
+) -> Vehicles:
+    """Advance worlds a block at a time, so small that what a tick computes stays in the cache.
+
+    Args:
+        advance: so many worlds, along the first axis of the leaves that are batched.
+        worlds: all of them.
+        batched: which leaves are.
+        size: number of worlds.
+    """
+    vehicles = worlds.vehicles.present.shape[1 if batched.vehicles.present else 0]
+    most = max(1, CACHED // vehicles)
+    blocks = [count for count in range(most, most // 4, -1) if size % count == 0]
+    if size <= most or not blocks or not on_cpu():
+        return advance(worlds, size)
+    count = blocks[0]
+    leaves, structure = jax.tree.flatten(worlds)
+    moving = jax.tree.leaves(batched)
+    cut = [
+        leaf.reshape(-1, count, *leaf.shape[1:])
+        for leaf, moves in zip(leaves, moving, strict=True)
+        if moves
+    ]
+
+    def block(parts: list[Array]) -> Vehicles:
+        part = iter(parts)
+        whole = [next(part) if moves else leaf for leaf, moves in zip(leaves, moving, strict=True)]
+        return advance(jax.tree.unflatten(structure, whole), count)
+
+    after: Vehicles = jax.tree.map(
+        lambda leaf: leaf.reshape(size, *leaf.shape[2:]), lax.map(block, cut)
+    )
+    return after
 
 
 def _worlds_last(worlds: World, batched: World, count: int) -> World:
