@@ -3,6 +3,7 @@
 Episode i of a seed is the same however many are driven with it: blocks are padded, never cut.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -18,6 +19,7 @@ from lanewise.controllers.goal_critic import GoalMemory
 from lanewise.driving import episode, percept
 from lanewise.driving.episode import Episode, Outcome
 from lanewise.driving.settings import DrivingSettings
+from lanewise.evaluation import concurrent
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
@@ -78,7 +80,13 @@ def start(course: TestCourse, seed: int, index: int) -> World:
     return world
 
 
-def test(course: TestCourse, parameters: Parameters, seed: int, count: int) -> Episodes:
+def test(
+    course: TestCourse,
+    parameters: Parameters,
+    seed: int,
+    count: int,
+    done: Callable[[int], None] = lambda count: None,
+) -> Episodes:
     """Drive episodes 0 to ``count - 1`` of ``seed`` greedily.
 
     Args:
@@ -86,14 +94,20 @@ def test(course: TestCourse, parameters: Parameters, seed: int, count: int) -> E
         parameters: of all the controller's levels.
         seed: of the starts.
         count: number of episodes.
+        done: told now and then how many are done.
 
     Returns:
         Their outcomes, in order.
     """
-    blocks = [
-        jax.device_get(drive_block(course, parameters, _start_block(course, seed, first)))
-        for first in range(0, count, BLOCK)
-    ]
+
+    def block(first: int) -> Sums:
+        sums = drive_block(course, parameters, _start_block(course, seed, first))
+        fetched: Sums = jax.device_get(sums)
+        return fetched
+
+    blocks = concurrent.in_order(
+        block, range(0, count, BLOCK), lambda number: done(min(count, number * BLOCK))
+    )
     sums = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *blocks)
     return as_episodes(course.driving, sums)
 

@@ -13,12 +13,11 @@ from threading import Thread
 from typing import TextIO, cast
 
 from lanewise.errors import RunError
+from lanewise.evaluation.concurrent import ONE_THREAD
 from lanewise.experiments import work
 from lanewise.experiments.work import Job
 from lanewise.progress import Progress, duration
 
-ONE_THREAD = "--xla_cpu_multi_thread_eigen=false"
-"""Each job computes on one core, so that two jobs do not fight for two."""
 COMPILED = "JAX_COMPILATION_CACHE_DIR"
 """Where JAX keeps compiled programs for other processes."""
 

@@ -27,7 +27,10 @@ def test(
 ) -> Episodes:
     """Drive the test episodes in ``lanewise`` or ``highway-env``."""
     if world == "lanewise":
-        return drive.test(course(trained, renewal), trained.parameters, seed, episodes)
+        reporter.stage(trained.name, episodes)
+        return drive.test(
+            course(trained, renewal), trained.parameters, seed, episodes, reporter.update
+        )
     twin = _twin()
     reporter.stage(f"{trained.name} in highway-env", episodes)
     return twin.test(  # type: ignore[no-any-return]

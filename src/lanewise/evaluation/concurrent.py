@@ -1,0 +1,45 @@
+"""Compiled calls on several cores at once; XLA computes the loops of each on one."""
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+from lanewise.world.once import on_cpu
+
+ONE_THREAD = "--xla_cpu_multi_thread_eigen=false"
+"""Of ``XLA_FLAGS``: where XLA is told to compute on one core, so do we."""
+
+Given = TypeVar("Given")
+Result = TypeVar("Result")
+
+
+def in_order(
+    call: Callable[[Given], Result],
+    given: Iterable[Given],
+    done: Callable[[int], None] = lambda count: None,
+) -> list[Result]:
+    """The results of a compiled call for each of the given, in their order.
+
+    ``done`` is told after each how many are there.
+
+    The first is made alone, so that only one compiles. Threads suffice: compiled programs run
+    outside Python's lock.
+    """
+    first, *rest = given
+    results = [call(first)]
+    done(1)
+    with ThreadPoolExecutor(threads()) as pool:
+        for result in pool.map(call, rest):
+            results.append(result)
+            done(len(results))
+    return results
+
+
+def threads() -> int:
+    """Calls that are worth making at once."""
+    if not on_cpu() or ONE_THREAD in os.environ.get("XLA_FLAGS", ""):
+        return 1
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
