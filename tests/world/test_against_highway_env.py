@@ -19,6 +19,7 @@ from lanewise.world import (
     bicycle,
     boxes,
     build,
+    collision,
     idm,
     mobil,
     motion,
@@ -244,3 +245,38 @@ def test_sets_across_words(count):
 def test_settings_reach_the_driver():
     drivers = build.make_drivers([DriverSettings(time_gap=0.9)], [2], 3, np.float64)
     assert drivers.time_gap.tolist() == [0.9] * 3
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_arcsine(dtype):
+    sines = np.linspace(-steering.SINE_OF_STEEPEST, steering.SINE_OF_STEEPEST, 10_001)
+    ours = np.asarray(steering.arcsine(jnp.asarray(sines.astype(dtype))))
+    assert ours.dtype == dtype
+    exact = np.arcsin(sines.astype(dtype).astype(np.float64))
+    np.testing.assert_allclose(ours, exact, rtol=4 * np.finfo(dtype).eps)
+
+
+def test_the_quick_test_of_collisions_never_misses_a_pair(make_world):
+    """Crowded worlds with all headings, speeds and sizes: whoever touches is a candidate."""
+    rng = np.random.default_rng(8)
+    count, touching = 12, 0
+    for _ in range(100):
+        world = make_world(
+            rng.uniform(0, 15, count), [0] * count, rng.normal(0, 20, count),
+            y=rng.uniform(-8, 8, count), heading=rng.normal(0, 1, count) * rng.choice([0.1, 1, 4]),
+        )  # fmt: skip
+        world = replace(world, drivers=replace(world.drivers, length=rng.uniform(2, 9, count)))
+        everyone = boxes.of_vehicles(world, motion.facing(world.vehicles))
+        met = np.asarray(collision.candidates(world, everyone, 0.1)[0])
+        met = (met[:, None] >> np.arange(count)) & 1 == 1
+        a, b = (boxes.Box(*(value.reshape(shape) for value in everyone)) for shape in PAIRS)
+        exact = boxes.overlap(a, b, 0.1)
+        touches = np.triu(exact.now | exact.soon, 1)
+        touching += touches.sum()
+        assert np.all(met | ~(touches | touches.T))
+        assert not np.any(np.diag(met))
+    assert touching > 1000
+
+
+PAIRS = ((-1, 1), (1, -1))
+"""Shapes that set everyone against everyone."""

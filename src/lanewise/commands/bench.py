@@ -6,12 +6,15 @@ import sys
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from lanewise.commands.arguments import Parsed
-from lanewise.errors import RunError
+from lanewise.errors import LanewiseError, RunError
 from lanewise.progress import Progress
 from lanewise.ranges import Between, OneOf
+
+if TYPE_CHECKING:
+    from lanewise.bench.task import Figure
 
 PARTS = (
     *("start-up", "world", "latency", "update"),
@@ -51,35 +54,41 @@ def run(parsed: Parsed[Bench]) -> int:
     command = parsed.command
     if command.out is not None and command.out.exists():
         raise RunError(f"{command.out} exists; choose another file")
-    from lanewise.bench import peers, processes, ratios, table
-    from lanewise.bench.catalogue import PARTS as MEASURED
+    from lanewise.bench import catalogue, peers, processes, ratios, table
     from lanewise.bench.task import Asked
 
     interpreters = peers.ask(command.python)
     cores = len(processes.cores())
     asked = Asked(command.seconds, command.seeds, cores, interpreters)
-    chosen = command.parts or tuple(MEASURED)
-    tasks = [task for part in MEASURED if part in chosen for task in MEASURED[part](asked)]
-    figures = []
+    chosen = command.parts or PARTS
+    tasks = [task for part, of in catalogue.PARTS.items() if part in chosen for task in of(asked)]
+    figures: list[Figure] = []
+    failed: dict[str, str] = {}
     with Progress(interval=0.0) as reporter:
         for peer in interpreters.absent():
             reporter.note(f"not installed, left out: {peer} (benchmarks/README.md)")
         reporter.stage("measuring", len(tasks))
         for number, task in enumerate(tasks, 1):
-            found = task.run()
-            figures += found
-            reporter.note(f"{task.label}: {found[0].value:,.4g} {found[0].unit}")
+            try:
+                found = task.run()
+            except LanewiseError as error:
+                failed[task.label] = str(error)
+                reporter.note(f"{task.label}: {error}")
+            else:
+                figures += found
+                reporter.note(f"{task.label}: {found[0].value:,.4g} {found[0].unit}")
             reporter.update(number)
     said = ratios.of(figures, cores)
     result: dict[str, Any] = _provenance(command, interpreters.versions()) | {
         "figures": [asdict(figure) for figure in figures],
         "ratios": [asdict(ratio) for ratio in said],
+        "failed": failed,
     }
     if command.out is not None:
         command.out.parent.mkdir(parents=True, exist_ok=True)
         command.out.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     sys.stdout.write((json.dumps(result) if command.json else table.text(figures, said)) + "\n")
-    return 0
+    return 1 if failed else 0
 
 
 def _provenance(command: Bench, peers: dict[str, str]) -> dict[str, Any]:

@@ -17,7 +17,7 @@ def tasks(asked: Asked) -> list[Task]:
     sizes += [("lanes", 12, count) for count in LANES]
     return [
         Task(
-            f"scaling: {vehicles} vehicles, {lanes} lanes",
+            f"scaling in {axis}: {vehicles} vehicles, {lanes} lanes",
             partial(_measure, axis, vehicles, lanes, asked.seconds),
         )
         for axis, vehicles, lanes in sizes

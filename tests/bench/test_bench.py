@@ -1,0 +1,172 @@
+"""The benchmark: peers found or left out, workers side by side, figures compared."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from lanewise.bench import catalogue, peers, processes, ratios, table
+from lanewise.bench.parts import training, update
+from lanewise.bench.task import Asked, Figure, Task
+from lanewise.cli import main
+from lanewise.commands import bench
+from lanewise.driving import actions, observation
+from lanewise.errors import LanewiseError
+from lanewise.learning.settings import LearnerSettings
+
+WITHOUT = peers.Interpreters(())
+
+
+def figure(part, case, subject, value, unit="things/s", **detail):
+    return Figure(part, case, subject, value, unit, detail)
+
+
+def test_the_names_of_the_parts_are_known_to_the_command_line():
+    assert tuple(catalogue.PARTS) == bench.PARTS
+
+
+def test_without_peers_only_ours_is_measured():
+    asked = Asked(1.0, 2, 2, WITHOUT)
+    labels = [task.label for tasks in catalogue.PARTS.values() for task in tasks(asked)]
+    assert len(labels) == len(set(labels))
+    for peer in ("EnvPool", "highway-env", "PyTorch", "Stable"):
+        assert not any(peer in label for label in labels)
+    assert WITHOUT.absent() == list(peers.NEEDS)
+
+
+def test_a_peer_is_looked_for_in_every_interpreter():
+    here = peers.ask([])
+    assert here.find("highway-env") == Path(sys.executable)
+    other = peers.Interpreter(Path("other"), {"torch": "2.0", "highway-env": "1.0"})
+    both = peers.Interpreters((*here.known, other))
+    assert both.find("PyTorch") == Path("other")
+    assert both.find("highway-env") == Path(sys.executable)
+    assert both.find("Stable-Baselines3") is None
+    assert both.versions()["highway-env"] == here.versions()["highway-env"] != "1.0"
+
+
+def test_no_interpreter(tmp_path):
+    with pytest.raises(LanewiseError, match="is no Python interpreter"):
+        peers.ask([tmp_path / "python"])
+
+
+WORKER = """
+import os
+def prepare(seed, fails=""):
+    print("noise")
+    if fails == "before":
+        raise ValueError("no such road")
+    def measure():
+        print("more noise")
+        if fails == "meanwhile":
+            raise ValueError("lost the road")
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
+        return {"seed": seed, "cores": cores}
+    return measure
+"""
+
+
+@pytest.fixture
+def workers(tmp_path, monkeypatch):
+    (tmp_path / "worker.py").write_text(WORKER)
+    monkeypatch.setattr(processes, "WORKERS", tmp_path)
+
+
+def test_workers_side_by_side(workers):
+    count = len(processes.cores())
+    found = processes.one_each("worker", {}, count)
+    assert [result["seed"] for result in found] == list(range(count))
+    assert all(result["cores"] == 1 and result["peak_memory_bytes"] > 2**20 for result in found)
+    assert processes.alone("worker", {"seed": 7}, count)["seed"] == 7
+
+
+@pytest.mark.parametrize(
+    ("when", "why"), [("before", "no such road"), ("meanwhile", "lost the road")]
+)
+def test_a_worker_that_fails(workers, when, why):
+    with pytest.raises(LanewiseError, match=f"measuring worker failed: ValueError: {why}"):
+        processes.one_each("worker", {"fails": when}, 1)
+
+
+def test_our_workers_measure():
+    found = processes.alone(
+        "lanewise_product", {"rows": 8, "inner": 16, "columns": 16, "seconds": 0.01}, 1
+    )
+    assert found["flops"] == 2.0 * 8 * 16 * 16 * found["products"] > 0
+
+
+def test_the_operations_of_an_update_are_those_of_its_networks():
+    assert update.INPUTS == observation.SIZE
+    assert update.OUTPUTS == actions.COUNT
+    # By hand: three forward passes, and for 26-512-512-9 all products of the backward pass but
+    # the one for the input's gradient.
+    layers = [26 * 512, 512 * 512, 512 * 9]
+    by_hand = 2 * 64 * (3 * sum(layers) + sum(layers) + layers[1] + layers[2])
+    assert update.flops(26, (512, 512), 9, 64) == by_hand
+    assert LearnerSettings().hidden == (512, 512)
+
+
+def test_ratios():
+    case = "12 vehicles, 2 cores"
+    figures = [
+        figure("world", case, "lanewise, 1 worlds", 10.0),
+        figure("world", case, "lanewise, 64 worlds", 60.0),
+        figure("world", case, "EnvPool", 12.0),
+        figure("world", case, "highway-env", 3.0),
+        figure("world", "12 vehicles, 1 core", "highway-env", 2.0),
+        figure("world", "51 vehicles, 2 cores", "lanewise, 64 worlds", 60.0),
+        figure("latency", "12 vehicles", "lanewise", 50.0),
+        figure("latency", "12 vehicles", "highway-env", 5000.0),
+        figure("update", "x", "matrix product, XLA", 200.0),
+        figure("update", "x", "matrix product, PyTorch", 100.0),
+        figure("update", "x", "lanewise", 900.0, gflop_per_second=150.0),
+        figure("update", "x", "PyTorch, double DQN", 300.0),
+        figure("update", "x", "PyTorch, double DQN, torch.compile", 450.0),
+        figure("training", training.case(False, 2), training.SUBJECT_SB3, 20.0),
+        *(figure("level", "train", f"lanewise, seed {i}", 90.0 + 10 * i) for i in range(3)),
+        figure("start-up", "lanewise --help", "lanewise --help", 0.3),
+    ]
+    found = {ratio.what: ratio.value for ratio in ratios.of(figures, 2)}
+    assert found[f"world, {case}, against EnvPool"] == 5.0
+    assert found[f"world, {case}, against highway-env"] == 20.0
+    assert found[f"world, {case}, against one highway-env"] == 30.0
+    assert found["one decision of one world, 12 vehicles, against highway-env"] == 100.0
+    # The fastest of the peer's own ways, and the fastest product that was measured.
+    assert found["update, x, against PyTorch, double DQN"] == 2.0
+    assert found["update, x, of the matrix product's rate"] == 75.0
+    assert found["a hierarchical controller at the paper's level"] == 100.0
+    taken = "steps that Stable-Baselines3's DQN takes on highway-env in that time"
+    assert found[taken] == 2000.0
+    assert found["lanewise --help"] == 0.3
+    shown = table.text(figures, ratios.of(figures, 2))
+    assert "world: 12 vehicles, 2 cores" in shown
+    assert all(line == line.rstrip() for line in shown.splitlines())
+
+
+def test_the_command(monkeypatch, tmp_path, capsys):
+    def failing():
+        raise LanewiseError("measuring it failed: out of road")
+
+    def tasks(asked):
+        return [
+            Task("easy", lambda: [figure("world", "a case", "lanewise", asked.seconds)]),
+            Task("hard", failing),
+        ]
+
+    monkeypatch.setattr(catalogue, "PARTS", {"world": tasks})
+    path = tmp_path / "new" / "bench.json"
+    words = ["bench", "world", "--seconds", "2.5", "--out", str(path)]
+    assert main([*words, "--json"]) == 1
+    output = capsys.readouterr()
+    stored = json.loads(path.read_text())
+    assert json.loads(output.out) == stored
+    assert [one["value"] for one in stored["figures"]] == [2.5]
+    assert stored["failed"] == {"hard": "measuring it failed: out of road"}
+    assert {"command", "date", "machine", "versions", "ratios"} <= set(stored)
+    assert "hard: measuring it failed: out of road" in output.err
+    # Nothing is overwritten.
+    assert main(words) == 2
+    assert "exists; choose another file" in capsys.readouterr().err
+    assert main(["bench", "world"]) == 1
+    assert "a case" in capsys.readouterr().out

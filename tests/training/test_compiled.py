@@ -1,0 +1,87 @@
+"""What the compiled training must not do, seen in the compiled program and not on a clock."""
+
+import re
+from collections import Counter
+
+import jax
+import jax.numpy as jnp
+from test_stage import COURSE
+
+from lanewise.evaluation import drive
+from lanewise.training import host, stage
+from lanewise.training.host import StagePlan
+
+IN_PLACE = {"parameter", "get-tuple-element", "bitcast", "scatter", "dynamic-update-slice"}
+"""Instructions that make no second array; a fusion may be one of the last two."""
+TO_HOST = ("infeed", "outfeed", "send", "recv", "callback")
+
+
+def compiled(function, *arguments):
+    return function.lower(*arguments).compile().as_text()
+
+
+def written(program, shape):
+    """How an array of a shape comes about in a compiled program: {instruction: count}.
+
+    A fusion counts as what it ends with.
+    """
+    ends = r"^%?([\w.\-]+) \(.*?\{\n(?:.*\n)*?\s*ROOT %?[\w.\-]+ = \S+ ([\w\-]+)\("
+    roots = dict(re.findall(ends, program, re.MULTILINE))
+    found = Counter()
+    for operation, rest in re.findall(rf"= {re.escape(shape)}\S* ([\w\-]+)\((.*)", program):
+        called = re.search(r"calls=%?([\w.\-]+)", rest)
+        found[roots[called.group(1)] if operation == "fusion" else operation] += 1
+    return found
+
+
+def replay_shape(course):
+    (_, how), *_ = course.learning
+    features = course.controller.levels[0].feature_count
+    return f"f32[{how.learner.replay_capacity},{2 * features + 3}]"
+
+
+def test_the_replay_is_never_copied():
+    state = jax.eval_shape(lambda: stage.begin(COURSE, {}, jax.random.key(0)))
+    found = written(compiled(stage.advance, COURSE, {}, state), replay_shape(COURSE))
+    assert found["scatter"] + found["dynamic-update-slice"] >= 1
+    assert set(found) <= IN_PLACE
+
+
+def test_a_copy_would_be_seen():
+    """The same look at a loop that keeps the array it was given: it must copy it."""
+
+    def loop(rows):
+        after = jax.lax.fori_loop(0, 5, lambda i, now: now.at[i].set(i * 1.0), rows)
+        return rows, after
+
+    found = written(compiled(jax.jit(loop), jnp.zeros((150, 55))), "f32[150,55]")
+    assert not set(found) <= IN_PLACE
+
+
+def test_nothing_passes_between_host_and_device_inside_a_chunk():
+    state = jax.eval_shape(lambda: stage.begin(COURSE, {}, jax.random.key(0)))
+    program = compiled(stage.advance, COURSE, {}, state)
+    assert not [word for word in TO_HOST if re.search(rf"\b{word}", program)]
+
+    @jax.jit
+    def talkative(x):
+        jax.debug.callback(lambda value: None, x)
+        return x
+
+    assert "callback" in compiled(talkative, jnp.float32(0.0))
+
+
+def test_each_entry_point_is_compiled_once():
+    """Chunk after chunk, with validations: as many programs after the last as after the first."""
+    validation = drive.TestCourse(
+        COURSE.scenario, COURSE.driving, COURSE.controller, 3, "validation"
+    )
+    plan = StagePlan("one", COURSE, validation, 150, validation_interval=1)
+    entries = (stage.begin, stage.advance, drive.drive_block)
+    progress = host.begin(plan, {}, jax.random.key(3))
+    progress, _ = host.advance(plan, {}, progress)
+    after_one = [entry._cache_size() for entry in entries]
+    for _ in range(2):
+        progress, _ = host.advance(plan, {}, progress)
+    assert [entry._cache_size() for entry in entries] == after_one
+    assert progress.ledger.chunks == 3
