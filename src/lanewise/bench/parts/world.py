@@ -1,6 +1,7 @@
 """The world under random driving: decisions and vehicle-ticks a second."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ LANES = {12: 3, 51: 4}
 ENVS = 64
 """In EnvPool's pool: more were not faster (benchmarks/README.md)."""
 UNIT = "vehicle-ticks/s"
+SAME = 200
+"""Starts whose endings are compared with highway-env's, so that the work is known to be the same."""
 
 
 def tasks(asked: Asked) -> list[Task]:
@@ -24,6 +27,9 @@ def tasks(asked: Asked) -> list[Task]:
         for vehicles in VEHICLES:
             found += _of_size(asked, vehicles, cores)
         found += _stock(asked, cores)
+    if python := asked.interpreters.find("highway-env"):
+        run = partial(_same_endings, python)
+        found.append(Task(f"world: {SAME} starts in ours and in highway-env", run))
     return found
 
 
@@ -116,6 +122,15 @@ def _figure(case: str, subject: str, results: list[dict[str, Any]]) -> Figure:
         detail["compile_seconds"] = max(result["compile_seconds"] for result in results)
     rate = decisions * one["ticks_per_decision"] * one["vehicles"]
     return Figure(PART, case, subject, rate, UNIT, detail)
+
+
+def _same_endings(python: Path) -> list[Figure]:
+    arguments = {"vehicles": 12, "lanes": LANES[12], "count": SAME}
+    (result,) = processes.one_each("same_endings", arguments, 1, python)
+    detail = {"different": result["different"]}
+    case = f"{SAME} starts with 12 vehicles"
+    unit = "end as in highway-env"
+    return [Figure(PART, case, "lanewise", float(result["same"]), unit, detail)]
 
 
 def _cores(count: int) -> str:

@@ -1,0 +1,1 @@
+"""Programs that measure one thing each, run by `bench.runner`; some need only a peer."""
