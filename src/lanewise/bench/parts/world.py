@@ -17,7 +17,7 @@ ENVS = 64
 """In EnvPool's pool: more were not faster (benchmarks/README.md)."""
 UNIT = "vehicle-ticks/s"
 SAME = 200
-"""Starts whose endings are compared with highway-env's, so that the work is known to be the same."""
+"""Starts whose endings are compared with highway-env's, to know that the work is the same."""
 
 
 def tasks(asked: Asked) -> list[Task]:
