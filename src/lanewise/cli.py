@@ -45,7 +45,10 @@ INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs ``lanewise`` and returns its exit code: 0 done, 2 refused, 130 interrupted."""
+    """Runs ``lanewise`` and returns its exit code.
+
+    0 done, 1 a measurement of ``bench`` failed, 2 refused, 130 interrupted.
+    """
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         code = _dispatch(words)

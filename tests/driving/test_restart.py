@@ -11,7 +11,9 @@ WORLDS = 20
 
 
 @pytest.mark.parametrize("over", [[], [4], [0, 19], range(3, 17), range(WORLDS)], ids=len)
-def test_worlds_that_are_over_and_no_others(over):
+@pytest.mark.parametrize("elsewhere", [False, True], ids=["cpu", "elsewhere"])
+def test_worlds_that_are_over_and_no_others(over, elsewhere, monkeypatch):
+    monkeypatch.setattr(restart, "on_cpu", lambda: not elsewhere)
     done = jnp.zeros(WORLDS, bool).at[jnp.array(over, int)].set(True)
     worlds = {"number": jnp.arange(WORLDS), "place": jnp.arange(WORLDS)[:, None] * jnp.ones(3)}
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from lanewise.bench.parts import (
     evaluation,
+    gpu,
     latency,
     level,
     scaling,
@@ -16,6 +17,6 @@ from lanewise.bench.task import Asked, Task
 
 PARTS: dict[str, Callable[[Asked], list[Task]]] = {
     part.PART: part.tasks
-    for part in (start_up, world, latency, update, training, evaluation, scaling, level)
+    for part in (start_up, world, latency, update, training, evaluation, scaling, level, gpu)
 }
 """In the order in which they are measured."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 PARTS = (
     *("start-up", "world", "latency", "update"),
-    *("training", "evaluation", "scaling", "level"),
+    *("training", "evaluation", "scaling", "level", "gpu"),
 )
 """Names of `bench.catalogue.PARTS`, known without importing it."""
 
@@ -35,7 +35,7 @@ class Bench:
         default=(), metadata={"positional": True}
     )
     """What to measure: start-up, world, latency, update, training, evaluation, scaling, level (time
-    to the paper's level). All of them if none is given, which takes about half an hour on 2
+    to the paper's level), gpu. All of them if none is given, which takes about half an hour on 2
     cores."""
     seconds: Annotated[float, Between(0.1, 3600.0, "s")] = 5.0
     """Length of each measurement."""
@@ -67,6 +67,8 @@ def run(parsed: Parsed[Bench]) -> int:
     with Progress(interval=0.0) as reporter:
         for peer in interpreters.absent():
             reporter.note(f"not installed, left out: {peer} (benchmarks/README.md)")
+        if "gpu" in chosen and not any(task.label.startswith("gpu") for task in tasks):
+            reporter.note("no GPU that JAX can use, left out: gpu")
         reporter.stage("measuring", len(tasks))
         for number, task in enumerate(tasks, 1):
             try:

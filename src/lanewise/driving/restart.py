@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
+from lanewise.world.once import on_cpu
+
 AT_ONCE = 8
 """One in so many worlds is restarted at once."""
 
@@ -28,6 +30,14 @@ def where(done: Array, worlds: Tree, begin: Callable[[Array], Tree]) -> Tree:
         The worlds, none of them over.
     """
     count = done.shape[0]
+    if not on_cpu():
+        # A loop whose length the data decide makes other devices wait for the host.
+        fresh: Tree = jax.tree.map(
+            lambda new, old: jnp.where(done.reshape(-1, *(1,) * (new.ndim - 1)), new, old),
+            begin(jnp.arange(count)),
+            worlds,
+        )
+        return fresh
 
     def some(state: tuple[Array, Tree]) -> tuple[Array, Tree]:
         left, before = state

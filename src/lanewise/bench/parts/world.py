@@ -13,8 +13,8 @@ WORLDS = (1, 64, 1024, 4096)
 VEHICLES = (12, 51)
 LANES = {12: 3, 51: 4}
 """As many as highway-env has for so many vehicles."""
-ENVS = 64
-"""In EnvPool's pool: more were not faster (benchmarks/README.md)."""
+ENVS = (64, 512)
+"""In EnvPool's pool: with few vehicles the larger one is faster, with many the smaller."""
 UNIT = "vehicle-ticks/s"
 SAME = 200
 """Starts whose endings are compared with highway-env's, to know that the work is the same."""
@@ -54,7 +54,14 @@ def _of_size(asked: Asked, vehicles: int, cores: int) -> list[Task]:
             "duration": 25,
             "max_episode_steps": 50,
         }
-        found.append(_task(case, "EnvPool", _pool(asked, "highway-v0", settings, cores, python)))
+        found += [
+            _task(
+                case,
+                f"EnvPool, {envs} environments",
+                _pool(asked, "highway-v0", envs, settings, cores, python),
+            )
+            for envs in ENVS
+        ]
     return found
 
 
@@ -66,10 +73,11 @@ def _stock(asked: Asked, cores: int) -> list[Task]:
     return [
         _task(
             f"EnvPool as it comes, {_cores(cores)}",
-            f"EnvPool {name}",
-            _pool(asked, name, {}, cores, python),
+            f"EnvPool {name}, {envs} environments",
+            _pool(asked, name, envs, {}, cores, python),
         )
         for name in ("highway-v0", "highway-fast-v0")
+        for envs in ENVS
     ]
 
 
@@ -87,12 +95,12 @@ def _each(
 
 
 def _pool(
-    asked: Asked, task: str, settings: dict[str, Any], cores: int, python: Path
+    asked: Asked, task: str, envs: int, settings: dict[str, Any], cores: int, python: Path
 ) -> Callable[[], list[dict[str, Any]]]:
     """One pool with a thread for each core."""
     arguments = {
         "task": task,
-        "envs": ENVS,
+        "envs": envs,
         "threads": cores,
         "seconds": asked.seconds,
         "settings": settings,

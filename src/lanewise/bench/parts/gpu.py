@@ -1,0 +1,65 @@
+"""The same code on one GPU: many worlds, and many seeds in one compiled loop."""
+
+import subprocess
+import sys
+from functools import partial
+from typing import Any
+
+from lanewise.bench import processes
+from lanewise.bench.task import Asked, Figure, Task
+
+PART = "gpu"
+WORLDS = (4096, 65_536)
+VEHICLES = {12: 3, 51: 4}
+"""And their lanes."""
+SEEDS = (1, 16, 64, 256)
+WORLDS_A_SEED = 32
+
+
+def is_present() -> bool:
+    """Whether JAX computes on a GPU here, asked of a process of its own."""
+    asked = subprocess.run(
+        [sys.executable, "-c", "import jax; print(jax.default_backend())"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return asked.stdout.strip() == "gpu"
+
+
+def tasks(asked: Asked) -> list[Task]:
+    """Nothing where there is no GPU."""
+    if not is_present():
+        return []
+    found = [
+        Task(
+            f"gpu: {vehicles} vehicles, {worlds} worlds",
+            partial(_world, vehicles, lanes, worlds, asked),
+        )
+        for vehicles, lanes in VEHICLES.items()
+        for worlds in WORLDS
+    ]
+    found += [Task(f"gpu: {seeds} seeds at once", partial(_seeds, seeds, asked)) for seeds in SEEDS]
+    return found
+
+
+def _world(vehicles: int, lanes: int, worlds: int, asked: Asked) -> list[Figure]:
+    size = {"worlds": worlds, "vehicles": vehicles, "lanes": lanes, "seconds": asked.seconds}
+    result = processes.alone("lanewise_world", size | {"seed": 0}, asked.cores)
+    decisions = result["decisions"] / result["seconds"]
+    rate = decisions * result["ticks_per_decision"] * vehicles
+    detail: dict[str, Any] = {
+        "decisions_per_second": decisions,
+        "compile_seconds": result["compile_seconds"],
+    }
+    subject = f"lanewise, {worlds} worlds"
+    return [Figure(PART, f"{vehicles} vehicles, 1 GPU", subject, rate, "vehicle-ticks/s", detail)]
+
+
+def _seeds(seeds: int, asked: Asked) -> list[Figure]:
+    arguments = {"seeds": seeds, "worlds": WORLDS_A_SEED, "seconds": asked.seconds}
+    result = processes.alone("lanewise_seeds", arguments, asked.cores)
+    rate = result["steps"] / result["seconds"]
+    detail = {"compile_seconds": result["compile_seconds"]}
+    case = "training, one update a step, 1 GPU"
+    return [Figure(PART, case, f"lanewise, {seeds} seeds", rate, "steps/s, all seeds", detail)]
