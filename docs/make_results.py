@@ -8,6 +8,9 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
+from lanewise.bench import ratios, table
+from lanewise.bench.ratios import Ratio
+from lanewise.bench.task import Figure
 from lanewise.evaluation.metrics import Summary
 from lanewise.report import arms as tables
 from lanewise.report.arms import ArmFigures
@@ -15,8 +18,9 @@ from lanewise.report.arms import ArmFigures
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "results"
 BEGIN, END = "<!-- results -->", "<!-- /results -->"
+MEASURED = "<!-- measured -->"
 STANDARD, PAPER = "standard/report.json", "paper/report.json"
-READINGS, TRAINING, WORLD = "readings/report.json", "training.json", "world.json"
+READINGS, BENCH = "readings/report.json", "bench.json"
 MAP = "ranges/wide/map.json"
 WORLDS = {"lanewise": "here", "highway-env": "in the real highway-env"}
 HEADLINE = (
@@ -53,14 +57,13 @@ def pages() -> dict[Path, str]:
     head, rest = readme.read_text().split(BEGIN)
     tail = rest.split(END)[1]
     summary = (
-        _summary(standard, _read(PAPER))
-        + "\n"
-        + _beyond(_read(MAP))
-        + "\n"
-        + _speed(_read(WORLD), _read(TRAINING))
+        _summary(standard, _read(PAPER)) + "\n" + _beyond(_read(MAP)) + "\n" + _speed(_read(BENCH))
     )
+    speed = ROOT / "docs" / "speed.md"
+    before, after = (part for part in speed.read_text().split(MEASURED)[::2])
     return {
         readme: head + BEGIN + "\n\n" + summary + "\n" + END + tail,
+        speed: before + MEASURED + "\n\n" + _every_speed(_read(BENCH)) + "\n" + MEASURED + after,
         ROOT / "docs" / "results.md": _details(standard)
         + _paper(_read(PAPER))
         + _readings(_read(READINGS)),
@@ -251,26 +254,47 @@ def _machine(report: Any) -> str:
     return f"{report['machine']['cores']} cores of an {report['machine']['processor']}"
 
 
-def _speed(world: Any, training: Any) -> str:
-    """One paragraph on how fast it is."""
-    runs = training["runs"]
-    seconds, compiling = ([run[key] for run in runs] for key in ("seconds", "compile_seconds"))
-    memory = max(run["peak_memory_bytes"] for run in runs) / 2**30
-    ours, theirs = _fastest(world)
-    return (
-        f"Speed on the same machine: {ours:,.0f} decisions a second with 12 vehicles, observations "
-        f"and resets included, highway-env {theirs:,.0f} in the same run "
-        f"(`{world['command']}`). Training one hierarchical controller takes {min(seconds):.0f} to "
-        f"{max(seconds):.0f} s ({len(runs)} seeds), of them {min(compiling):.0f} to "
-        f"{max(compiling):.0f} s compiling, and at most {memory:.2f} GiB "
-        f"(`{training['command']}`).\n"
-    )
+def _speed(bench: Any) -> str:
+    """What the benchmark's figures say about one another, on all cores."""
+    lines = [
+        f"Speed on {_machine(bench)}, {bench['date'][:10]}, in one run "
+        f"(`{bench['command']}`); every figure, and what bounds it, is in "
+        "[docs/speed.md](docs/speed.md):",
+        "",
+        "| | | from |",
+        "|---|---:|---|",
+    ]
+    for ratio in _ratios(bench):
+        if "1 core," not in ratio.what or "decision of one world" in ratio.what:
+            lines.append(
+                f"| {ratio.what} | {table.number(ratio.value)} {ratio.unit} | {ratio.how} |"
+            )
+    return "\n".join(lines) + "\n"
 
 
-def _fastest(world: Any) -> tuple[float, float]:
-    """(ours at the best number of worlds, highway-env's), decisions a second."""
-    rates = [each["decisions_per_second"] for each in world["lanewise"].values()]
-    return max(rates), world["highway_env"]["decisions_per_second"]
+def _ratios(bench: Any) -> list[Ratio]:
+    return ratios.of(_measured(bench), bench["machine"]["cores"])
+
+
+def _measured(bench: Any) -> list[Figure]:
+    return [Figure(**figure) for figure in bench["figures"]]
+
+
+def _every_speed(bench: Any) -> str:
+    """Every figure of the benchmark, by part and case."""
+    versions = ", ".join(f"{name} {version}" for name, version in bench["versions"].items())
+    lines = [
+        f"`{bench['command']}`, {bench['date'][:10]}, on {_machine(bench)}; each measurement",
+        f"{bench['seconds']:g} s. {versions}.",
+        "",
+        "| part | case | who | figure | besides |",
+        "|---|---|---|---:|---|",
+    ]
+    for figure in _measured(bench):
+        besides = ", ".join(table.extras(figure))
+        value = f"{table.number(figure.value)} {figure.unit}"
+        lines.append(f"| {figure.part} | {figure.case} | {figure.subject} | {value} | {besides} |")
+    return "\n".join(lines) + "\n"
 
 
 def _readings(report: Any) -> str:

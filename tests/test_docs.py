@@ -11,7 +11,10 @@ from lanewise import cli, config
 from lanewise.commands.arguments import parse
 
 ROOT = Path(__file__).parents[1]
-PAGES = (ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md")))
+PAGES = (
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "benchmarks/README.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+)
 SECTIONS = {name.split(".")[0] for name in config.kinds()}
 
 

@@ -15,25 +15,25 @@ def text(figures: Sequence[Figure], ratios: Sequence[Ratio]) -> str:
     for (part, case), group in groupby(figures, key=lambda figure: (figure.part, figure.case)):
         lines += ["", f"{part}: {case}"]
         for figure in group:
-            value = f"{figure.value:,.3g}" if figure.value < 10 else f"{figure.value:,.0f}"
-            line = f"  {figure.subject:<40} {value:>12} {figure.unit}"
-            extras = ", ".join(_extras(figure))
-            lines.append(f"{line}  ({extras})" if extras else line)
+            line = f"  {figure.subject:<40} {number(figure.value):>12} {figure.unit}"
+            besides = ", ".join(extras(figure))
+            lines.append(f"{line}  ({besides})" if besides else line)
     if ratios:
         width = max(len(ratio.what) for ratio in ratios)
         lines += ["", "side by side"]
         lines += [
-            f"  {ratio.what:<{width}} {_number(ratio.value):>9} {ratio.unit:<6} {ratio.how}"
+            f"  {ratio.what:<{width}} {number(ratio.value):>9} {ratio.unit:<6} {ratio.how}"
             for ratio in ratios
         ]
     return "\n".join(lines).lstrip("\n")
 
 
-def _number(value: float) -> str:
+def number(value: float) -> str:
+    """A figure with as many digits as mean something."""
     return f"{value:,.2f}" if value < 10 else f"{value:,.1f}" if value < 100 else f"{value:,.0f}"
 
 
-def _extras(figure: Figure) -> list[str]:
+def extras(figure: Figure) -> list[str]:
     """The few details people look for; the file has all."""
     detail, found = figure.detail, []
     if "decisions_per_second" in detail:
