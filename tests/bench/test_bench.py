@@ -4,10 +4,12 @@ import json
 import sys
 from pathlib import Path
 
+import jax
 import pytest
 
+from lanewise import cores
 from lanewise.bench import catalogue, peers, processes, ratios, table
-from lanewise.bench.parts import training, update
+from lanewise.bench.parts import gpu, training, update
 from lanewise.bench.task import Asked, Figure, Task
 from lanewise.cli import main
 from lanewise.commands import bench
@@ -46,6 +48,13 @@ def test_a_peer_is_looked_for_in_every_interpreter():
     assert both.versions()["highway-env"] == here.versions()["highway-env"] != "1.0"
 
 
+def test_a_gpu_is_measured_where_there_is_one(monkeypatch):
+    assert gpu.is_present() == (jax.default_backend() == "gpu")
+    for present in (False, True):
+        monkeypatch.setattr(gpu, "is_present", lambda present=present: present)
+        assert bool(gpu.tasks(Asked(1.0, 1, 1, WITHOUT))) == present
+
+
 def test_no_interpreter(tmp_path):
     with pytest.raises(LanewiseError, match="is no Python interpreter"):
         peers.ask([tmp_path / "python"])
@@ -74,7 +83,7 @@ def workers(tmp_path, monkeypatch):
 
 
 def test_workers_side_by_side(workers):
-    count = len(processes.cores())
+    count = len(cores.usable())
     found = processes.one_each("worker", {}, count)
     assert [result["seed"] for result in found] == list(range(count))
     assert all(result["cores"] == 1 and result["peak_memory_bytes"] > 2**20 for result in found)
@@ -94,6 +103,54 @@ def test_our_workers_measure():
         "lanewise_product", {"rows": 8, "inner": 16, "columns": 16, "seconds": 0.01}, 1
     )
     assert found["flops"] == 2.0 * 8 * 16 * 16 * found["products"] > 0
+
+
+def test_what_was_measured_before_ctrl_c_is_kept(monkeypatch, tmp_path, capsys):
+    def stopped():
+        raise KeyboardInterrupt
+
+    def tasks(asked):
+        first = Task("first", lambda: [figure("world", "a case", "lanewise", 1.0)])
+        return [first, Task("second", stopped), Task("third", lambda: pytest.fail("went on"))]
+
+    monkeypatch.setattr(catalogue, "PARTS", {"world": tasks})
+    path = tmp_path / "bench.json"
+    assert main(["bench", "world", "--out", str(path)]) == 130
+    stored = json.loads(path.read_text())
+    assert stored["interrupted"]
+    assert len(stored["figures"]) == 1
+    assert "interrupted" in capsys.readouterr().err
+
+
+WORK = {"vehicles": 5, "lanes": 3, "seconds": 0.05, "seed": 0}
+WORKERS = {
+    "lanewise_world": WORK | {"worlds": 4},
+    "lanewise_step": WORK,
+    "highway_env_world": WORK,
+    "same_endings": {"vehicles": 5, "lanes": 3, "count": 2, "seed": 0},
+    "lanewise_update": {"inputs": 26, "outputs": 9, "seconds": 0.05},
+    "lanewise_training": {"worlds": 32, "seconds": 0.05, "seed": 0},
+    "lanewise_seeds": {"seeds": 2, "worlds": 32, "seconds": 0.05},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("worker", WORKERS)
+def test_each_worker_measures(worker):
+    found = processes.alone(worker, WORKERS[worker], 1)
+    assert found["seconds"] > 0
+    if worker == "same_endings":
+        assert (found["same"], found["different"]) == (2, [])
+    else:
+        assert max(found.get(name, 0) for name in ("decisions", "updates", "steps")) > 0
+    if worker == "lanewise_training":
+        assert found["updates"] == found["steps"]
+        assert sum(found["breakdown"].values()) == pytest.approx(found["seconds"])
+
+
+def test_a_command_that_fails():
+    with pytest.raises(LanewiseError, match="evaluate absent failed: lanewise: error: no run in"):
+        processes.output(["-m", "lanewise", "evaluate", "absent"])
 
 
 def test_the_operations_of_an_update_are_those_of_its_networks():

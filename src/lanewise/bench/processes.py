@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -10,6 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, Any
 
+from lanewise import cores
 from lanewise.bench import runner
 from lanewise.errors import LanewiseError
 
@@ -18,20 +20,13 @@ ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """For libraries that would otherwise start a thread for every core of the machine."""
 
 
-def cores() -> list[int]:
-    """The cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return sorted(os.sched_getaffinity(0))
-    return list(range(os.cpu_count() or 1))
-
-
 def one_each(
     worker: str, arguments: Mapping[str, Any], count: int, python: Path | None = None
 ) -> list[dict[str, Any]]:
     """The same worker in ``count`` processes at once, each on a core and with a seed of its own."""
     each = [
         ({**arguments, "seed": seed}, [core])
-        for seed, core in zip(range(count), cores(), strict=False)
+        for seed, core in zip(range(count), cores.usable(), strict=False)
     ]
     return _together(worker, each, python, ONE_THREAD)
 
@@ -41,7 +36,7 @@ def alone(
 ) -> dict[str, Any]:
     """A worker in one process that may use ``count`` cores."""
     threads = ONE_THREAD if count == 1 else {}
-    return _together(worker, [(dict(arguments), cores()[:count])], python, threads)[0]
+    return _together(worker, [(dict(arguments), cores.usable()[:count])], python, threads)[0]
 
 
 def _together(
@@ -72,10 +67,13 @@ def _together(
         for child, errors in children:
             if _line(child).strip() != runner.READY:
                 raise _failed(worker, child, errors)
-        for child, _ in children:
+        for child, errors in children:
             assert child.stdin is not None
-            child.stdin.write("\n")
-            child.stdin.flush()
+            try:
+                child.stdin.write("\n")
+                child.stdin.flush()
+            except BrokenPipeError:
+                raise _failed(worker, child, errors) from None
         results = []
         for child, errors in children:
             answer = _line(child)
@@ -108,6 +106,19 @@ def _start(
 def _line(child: "subprocess.Popen[str]") -> str:
     assert child.stdout is not None
     return child.stdout.readline()
+
+
+def output(words: Sequence[str]) -> str:
+    """What a command of this interpreter prints on standard output.
+
+    Raises:
+        LanewiseError: it failed; the message ends with its own last words.
+    """
+    done = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False)
+    if done.returncode:
+        said = done.stderr.strip().splitlines()
+        raise LanewiseError(f"{shlex.join(words)} failed: {said[-1] if said else 'no message'}")
+    return done.stdout
 
 
 def _failed(worker: str, child: "subprocess.Popen[str]", errors: IO[str]) -> LanewiseError:

@@ -148,5 +148,6 @@ def _best(figures: Sequence[Figure], part: str, case: str, subject: str) -> Figu
 
 
 def _times(what: str, ours: Figure, theirs: Figure) -> Ratio:
-    how = f"{ours.value:,.0f} / {theirs.value:,.0f} {ours.unit} ({ours.subject})"
+    who = f"{ours.subject} / {theirs.subject}"
+    how = f"{ours.value:,.0f} / {theirs.value:,.0f} {ours.unit} ({who})"
     return Ratio(what, ours.value / theirs.value, "times", how)

@@ -31,14 +31,13 @@ def main() -> None:
     if not sys.stdin.readline():
         return
     result: dict[str, Any] = measure()
-    result["peak_memory_bytes"] = peak_memory()
+    result["peak_memory_bytes"] = peak_memory(resource.getrusage(resource.RUSAGE_SELF))
     print(json.dumps(result), file=answers, flush=True)
 
 
-def peak_memory() -> int:
-    """The most memory this process has had, in bytes."""
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return most if sys.platform == "darwin" else most * 1024
+def peak_memory(usage: resource.struct_rusage) -> int:
+    """The most memory a process has had, in bytes; Linux counts in kibibytes."""
+    return usage.ru_maxrss if sys.platform == "darwin" else usage.ru_maxrss * 1024
 
 
 if __name__ == "__main__":

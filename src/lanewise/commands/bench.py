@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from lanewise import cores
 from lanewise.commands.arguments import Parsed
 from lanewise.errors import LanewiseError, RunError
 from lanewise.progress import Progress
@@ -54,16 +55,17 @@ def run(parsed: Parsed[Bench]) -> int:
     command = parsed.command
     if command.out is not None and command.out.exists():
         raise RunError(f"{command.out} exists; choose another file")
-    from lanewise.bench import catalogue, peers, processes, ratios, table
+    from lanewise.bench import catalogue, peers, ratios, table
     from lanewise.bench.task import Asked
 
     interpreters = peers.ask(command.python)
-    cores = len(processes.cores())
-    asked = Asked(command.seconds, command.seeds, cores, interpreters)
+    count = len(cores.usable())
+    asked = Asked(command.seconds, command.seeds, count, interpreters)
     chosen = command.parts or PARTS
     tasks = [task for part, of in catalogue.PARTS.items() if part in chosen for task in of(asked)]
     figures: list[Figure] = []
     failed: dict[str, str] = {}
+    interrupted = False
     with Progress(interval=0.0) as reporter:
         for peer in interpreters.absent():
             reporter.note(f"not installed, left out: {peer} (benchmarks/README.md)")
@@ -73,6 +75,9 @@ def run(parsed: Parsed[Bench]) -> int:
         for number, task in enumerate(tasks, 1):
             try:
                 found = task.run()
+            except KeyboardInterrupt:
+                interrupted = True
+                break
             except LanewiseError as error:
                 failed[task.label] = str(error)
                 reporter.note(f"{task.label}: {error}")
@@ -80,16 +85,20 @@ def run(parsed: Parsed[Bench]) -> int:
                 figures += found
                 reporter.note(f"{task.label}: {found[0].value:,.4g} {found[0].unit}")
             reporter.update(number)
-    said = ratios.of(figures, cores)
+    said = ratios.of(figures, count)
     result: dict[str, Any] = _provenance(command, interpreters.versions()) | {
         "figures": [asdict(figure) for figure in figures],
         "ratios": [asdict(ratio) for ratio in said],
         "failed": failed,
+        "interrupted": interrupted,
     }
     if command.out is not None:
         command.out.parent.mkdir(parents=True, exist_ok=True)
         command.out.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     sys.stdout.write((json.dumps(result) if command.json else table.text(figures, said)) + "\n")
+    if interrupted:
+        # What was measured so far is kept.
+        raise KeyboardInterrupt
     return 1 if failed else 0
 
 

@@ -1,6 +1,5 @@
 """``lanewise reproduce``: trains, tests and reports the paper's experiments in one go."""
 
-import os
 import shlex
 import sys
 import time
@@ -10,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
-from lanewise import config
+from lanewise import config, cores
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.train import SEEDS
 from lanewise.errors import LanewiseError, RunError
@@ -87,7 +86,7 @@ def run(parsed: Parsed[Reproduce]) -> int:
     # One that lacks what is to be done now would look like that of a complete folder.
     report.unlink(missing_ok=True)
     began = time.monotonic()
-    times = schedule.run(jobs, command.processes or _cores(), sys.stderr)
+    times = schedule.run(jobs, command.processes or len(cores.usable()), sys.stderr)
     sys.stderr.write("writing the report\n")
     path, text = reporting.write(
         command.out,
@@ -122,9 +121,3 @@ def _overrides(parsed: Parsed[Reproduce]) -> Mapping[str, object]:
     values = config.flatten(command.values)
     flags = {name: values[name] for name in parsed.given if "." in name}
     return (config.load_toml(command.settings) if command.settings else {}) | flags
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

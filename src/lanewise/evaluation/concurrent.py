@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+from lanewise import cores
 from lanewise.world.once import on_cpu
 
 ONE_THREAD = "--xla_cpu_multi_thread_eigen=false"
@@ -29,10 +30,14 @@ def in_order(
     first, *rest = given
     results = [call(first)]
     done(1)
-    with ThreadPoolExecutor(threads()) as pool:
+    pool = ThreadPoolExecutor(threads())
+    try:
         for result in pool.map(call, rest):
             results.append(result)
             done(len(results))
+    finally:
+        # So that Ctrl-C does not wait for all that has not begun.
+        pool.shutdown(cancel_futures=True)
     return results
 
 
@@ -40,6 +45,4 @@ def threads() -> int:
     """Calls that are worth making at once."""
     if not on_cpu() or ONE_THREAD in os.environ.get("XLA_FLAGS", ""):
         return 1
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(cores.usable())

@@ -112,10 +112,10 @@ def _meet(
     def meet(state: tuple[sets.Words, Outcome]) -> tuple[sets.Words, Outcome]:
         left, so_far = state
         other = sets.smallest(left)
-        met = once(
+        values = once(
             chosen.real, lambda: [chosen.at(value, jnp.maximum(other, 0)) for value in boxes]
         )
-        theirs = Box(*met)
+        theirs = Box(*values)
         first = chosen.vehicle < other
         a = Box(*(jnp.where(first, m, t) for m, t in zip(mine, theirs, strict=True)))
         b = Box(*(jnp.where(first, t, m) for m, t in zip(mine, theirs, strict=True)))

@@ -8,19 +8,17 @@ import jax.numpy as jnp
 from jax import Array
 
 
-def pick(values: Array, wanted: Array, keys: Array | None = None) -> Array:
-    """The value that has the wanted key: ``values[wanted]``, where the keys are the indices.
+def pick(values: Array, wanted: Array) -> Array:
+    """The wanted value, ``values[wanted]``.
 
     Args:
         values: [K, ...], of each vehicle or lane.
-        wanted: int [Q, ...]; where no key is wanted, the result is any of the values.
-        keys: int [K, ...], all different; None for the indices.
+        wanted: int [Q, ...]; where it is no index, the result is any of the values.
 
     Returns:
         [Q, ...].
     """
     result = jnp.broadcast_to(values[0], wanted.shape)
     for index in range(1, values.shape[0]):
-        key = index if keys is None else keys[index]
-        result = jnp.where(wanted == key, values[index], result)
+        result = jnp.where(wanted == index, values[index], result)
     return result

@@ -98,12 +98,3 @@ def smallest(words: Words) -> Array:
         member = BITS * word + BITS - 1 - lax.clz(lowest).astype(jnp.int32)
         result = jnp.where(bits != 0, member, result)
     return result
-
-
-def largest(words: Words) -> Array:
-    """The largest member, int32; -1 of an empty set."""
-    result = jnp.full(words[0].shape, -1, jnp.int32)
-    for word, bits in enumerate(words):
-        member = BITS * word + BITS - 1 - lax.clz(bits).astype(jnp.int32)
-        result = jnp.where(bits != 0, member, result)
-    return result

@@ -47,7 +47,10 @@ class Road:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Drivers:
-    """Who drives each vehicle, and how; constant through an episode. Fields as `DriverSettings`."""
+    """Who drives each vehicle, and how; constant through an episode.
+
+    Fields as `DriverSettings`, but for the limit of the steering.
+    """
 
     kind: Array
     """int32 [N]: EXTERNAL, CONSTANT or RULE_BASED."""

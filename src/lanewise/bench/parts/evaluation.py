@@ -1,10 +1,9 @@
 """Many test episodes of the trained hierarchical controller: `lanewise evaluate`."""
 
 import json
-import subprocess
-import sys
 import time
 
+from lanewise.bench import processes
 from lanewise.bench.task import Asked, Figure, Task
 
 PART = "evaluation"
@@ -20,9 +19,7 @@ def tasks(asked: Asked) -> list[Task]:
 def _measure() -> list[Figure]:
     words = ["evaluate", "pretrained/hierarchical", "--episodes", str(EPISODES), "--json"]
     began = time.perf_counter()
-    done = subprocess.run(
-        [sys.executable, "-m", "lanewise", *words], check=True, capture_output=True, text=True
-    )
+    found = processes.output(["-m", "lanewise", *words])
     seconds = time.perf_counter() - began
-    detail = {"test": json.loads(done.stdout)}
+    detail = {"test": json.loads(found)}
     return [Figure(PART, f"{EPISODES:,} test episodes", "lanewise", seconds, "s", detail)]

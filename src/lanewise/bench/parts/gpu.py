@@ -1,7 +1,5 @@
 """The same code on one GPU: many worlds, and many seeds in one compiled loop."""
 
-import subprocess
-import sys
 from functools import partial
 from typing import Any
 
@@ -18,13 +16,7 @@ WORLDS_A_SEED = 32
 
 def is_present() -> bool:
     """Whether JAX computes on a GPU here, asked of a process of its own."""
-    asked = subprocess.run(
-        [sys.executable, "-c", "import jax; print(jax.default_backend())"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    return asked.stdout.strip() == "gpu"
+    return processes.output(["-c", "import jax; print(jax.default_backend())"]).strip() == "gpu"
 
 
 def tasks(asked: Asked) -> list[Task]:

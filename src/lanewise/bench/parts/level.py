@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shlex
 import subprocess
 import sys
 import tempfile
@@ -12,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from lanewise.bench import processes, runner
 from lanewise.bench.task import Asked, Figure, Task
 from lanewise.errors import LanewiseError
 from lanewise.runs import metrics
@@ -34,15 +34,13 @@ def tasks(asked: Asked) -> list[Task]:
 
 
 def _measure(seed: int) -> list[Figure]:
-    program = [sys.executable, "-m", "lanewise"]
     with tempfile.TemporaryDirectory() as place:
         run, log = Path(place) / "run", Path(place) / "log"
         words = ["train", "hierarchical", "--preset", "quick", "--seed", str(seed)]
-        seconds, memory = _timed([*program, *words, "--out", str(run)], log)
+        command = [sys.executable, "-m", "lanewise", *words, "--out", str(run)]
+        seconds, memory = _timed(command, log)
         compiling = sum(float(found) for found in COMPILE.findall(log.read_text()))
-        test = subprocess.run(
-            [*program, "evaluate", str(run), "--json"], check=True, capture_output=True, text=True
-        )
+        test = processes.output(["-m", "lanewise", "evaluate", str(run), "--json"])
         chunks = [line for line in metrics.read(run / "metrics.jsonl") if line["kind"] == "chunk"]
     last = {line["stage"]: line for line in chunks}
     detail: dict[str, Any] = {
@@ -51,7 +49,7 @@ def _measure(seed: int) -> list[Figure]:
         "peak_memory_bytes": memory,
         "decisions": {stage: line["decisions"] for stage, line in last.items()},
         "updates": {stage: line["updates"] for stage, line in last.items()},
-        "test": json.loads(test.stdout),
+        "test": json.loads(test),
     }
     return [Figure(PART, CASE, f"lanewise, seed {seed}", seconds, "s", detail)]
 
@@ -65,5 +63,6 @@ def _timed(command: list[str], log: Path) -> tuple[float, int]:
         seconds = time.perf_counter() - began
     child.returncode = os.waitstatus_to_exitcode(status)
     if child.returncode:
-        raise LanewiseError(f"{shlex.join(command)} failed:\n{log.read_text()[-500:]}")
-    return seconds, usage.ru_maxrss if sys.platform == "darwin" else usage.ru_maxrss * 1024
+        said = log.read_text().strip().splitlines()
+        raise LanewiseError(f"{CASE} failed: {said[-1] if said else 'no message'}")
+    return seconds, runner.peak_memory(usage)

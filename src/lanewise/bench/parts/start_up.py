@@ -1,11 +1,10 @@
 """How soon the command line answers."""
 
-import subprocess
-import sys
 import time
 from functools import partial
 from statistics import median
 
+from lanewise.bench import processes
 from lanewise.bench.task import Asked, Figure, Task
 
 PART = "start-up"
@@ -28,7 +27,7 @@ def _measure(name: str) -> list[Figure]:
     times = []
     for _ in range(REPEATS):
         began = time.perf_counter()
-        subprocess.run([sys.executable, *COMMANDS[name]], check=True, capture_output=True)
+        processes.output(COMMANDS[name])
         times.append(time.perf_counter() - began)
     detail = {"least": min(times), "most": max(times), "repeats": REPEATS}
     return [Figure(PART, name, name, median(times), "s", detail)]

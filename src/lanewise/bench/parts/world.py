@@ -14,7 +14,7 @@ VEHICLES = (12, 51)
 LANES = {12: 3, 51: 4}
 """As many as highway-env has for so many vehicles."""
 ENVS = (64, 512)
-"""In EnvPool's pool: with few vehicles the larger one is faster, with many the smaller."""
+"""In EnvPool's pool: neither is always the faster, and the better counts."""
 UNIT = "vehicle-ticks/s"
 SAME = 200
 """Starts whose endings are compared with highway-env's, to know that the work is the same."""

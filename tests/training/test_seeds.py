@@ -1,0 +1,23 @@
+"""Many seeds in one compiled loop train as each alone."""
+
+import jax
+import numpy as np
+from test_stage import COURSE
+
+from lanewise.training import seeds, stage
+
+
+def test_seeds_together_are_the_seeds_alone():
+    keys = jax.random.split(jax.random.key(5), 3)
+    states, metrics = seeds.advance(COURSE)(seeds.begin(COURSE, keys))
+    rewards = []
+    for number, key in enumerate(keys):
+        alone, one = stage.advance(COURSE, {}, stage.begin(COURSE, {}, key))
+        of_it = jax.tree.map(lambda leaf, number=number: leaf[number], metrics)
+        np.testing.assert_array_equal(of_it.finished.done, one.finished.done)
+        np.testing.assert_allclose(of_it.finished.reward, one.finished.reward, atol=1e-4)
+        updates = states.learners["single_level"].updates
+        assert int(updates[number]) == int(alone.learners["single_level"].updates) > 0
+        rewards.append(np.asarray(one.finished.reward).tobytes())
+    assert len(set(rewards)) == len(keys)
+    assert int(states.iteration) == stage.CHUNK
