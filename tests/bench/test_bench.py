@@ -9,7 +9,7 @@ import pytest
 
 from lanewise import cores
 from lanewise.bench import catalogue, peers, processes, ratios, table
-from lanewise.bench.parts import gpu, training, update
+from lanewise.bench.parts import gpu, level, training, update
 from lanewise.bench.task import Asked, Figure, Task
 from lanewise.cli import main
 from lanewise.commands import bench
@@ -29,12 +29,36 @@ def test_the_names_of_the_parts_are_known_to_the_command_line():
 
 
 def test_without_peers_only_ours_is_measured():
-    asked = Asked(1.0, 2, 2, WITHOUT)
+    without = peers.Interpreters(())
+    asked = Asked(1.0, 2, 2, without)
     labels = [task.label for tasks in catalogue.PARTS.values() for task in tasks(asked)]
     assert len(labels) == len(set(labels))
     for peer in ("EnvPool", "highway-env", "PyTorch", "Stable"):
         assert not any(peer in label for label in labels)
-    assert WITHOUT.absent() == list(peers.NEEDS)
+    assert without.missed == set(peers.NEEDS)
+
+
+def test_only_peers_that_are_needed_are_missed():
+    without = peers.Interpreters(())
+    catalogue.PARTS["latency"](Asked(1.0, 2, 2, without))
+    assert without.missed == {"highway-env"}
+
+
+def test_where_the_time_went_adds_up():
+    times = [
+        {"stage": "step-1", "chunk": chunk, "seconds": seconds, "validation": validation}
+        for chunk, (seconds, validation) in enumerate(
+            [(9.0, 0.0), (6.0, 5.0), (1.0, 0.0), (3.0, 2.0)]
+        )
+    ]
+    found = level.breakdown(30.0, 12.0, [*times, {**times[0], "stage": "step-2", "seconds": 2.0}])
+    # Chunks without validation take 1 s and validations 2; step 2 has one chunk to go by.
+    assert found == {
+        "compilation": 12.0,
+        "driving and updates": 6.0,
+        "validation": 4.0,
+        "start, saving, the rest": 8.0,
+    }
 
 
 def test_a_peer_is_looked_for_in_every_interpreter():
@@ -181,7 +205,8 @@ def test_ratios():
         figure("update", "x", "PyTorch, double DQN", 300.0),
         figure("update", "x", "PyTorch, double DQN, torch.compile", 450.0),
         figure("training", training.case(False, 2), training.SUBJECT_SB3, 20.0),
-        *(figure("level", "train", f"lanewise, seed {i}", 90.0 + 10 * i) for i in range(3)),
+        figure("level", level.AGAIN, "lanewise, seed 0", 60.0),
+        *(figure("level", level.CASE, f"lanewise, seed {i}", 90.0 + 10 * i) for i in range(3)),
         figure("start-up", "lanewise --help", "lanewise --help", 0.3),
     ]
     found = {ratio.what: ratio.value for ratio in ratios.of(figures, 2)}

@@ -4,7 +4,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from lanewise.errors import LanewiseError
@@ -43,15 +43,16 @@ class Interpreters:
     """The interpreters at hand, in the order in which they are asked."""
 
     known: tuple[Interpreter, ...]
+    missed: set[str] = field(default_factory=set, compare=False)
+    """Peers that were asked for in vain."""
 
     def find(self, peer: str) -> Path | None:
         """The first interpreter in which a peer of `NEEDS` can be measured, or None."""
-        needs = NEEDS[peer]
-        return next((one.path for one in self.known if set(needs) <= set(one.versions)), None)
-
-    def absent(self) -> list[str]:
-        """Peers that cannot be measured."""
-        return [peer for peer in NEEDS if self.find(peer) is None]
+        needs = set(NEEDS[peer])
+        found = next((one.path for one in self.known if needs <= set(one.versions)), None)
+        if found is None:
+            self.missed.add(peer)
+        return found
 
     def versions(self) -> dict[str, str]:
         """Versions of the peers' distributions, each where it is measured first."""

@@ -92,7 +92,9 @@ def _updates(figures: Sequence[Figure]) -> list[Ratio]:
 
 
 def _level(figures: Sequence[Figure], cores: int) -> list[Ratio]:
-    times = [figure.value for figure in figures if figure.part == level.PART]
+    times = [
+        figure.value for figure in figures if (figure.part, figure.case) == (level.PART, level.CASE)
+    ]
     if not times:
         return []
     typical = median(times)

@@ -48,9 +48,14 @@ def extras(figure: Figure) -> list[str]:
             " + ".join(f"{name} {ms:.2f}" for name, ms in detail["milliseconds_a_step"].items())
             + " ms a step"
         )
+    if "seconds_of" in detail:
+        found.append(
+            " + ".join(f"{name} {seconds:.0f}" for name, seconds in detail["seconds_of"].items())
+            + " s"
+        )
     if "success_rate" in detail.get("test", {}):
         found.append(f"success {detail['test']['success_rate']:.1%}")
-    if "compile_seconds" in detail:
+    if "compile_seconds" in detail and "seconds_of" not in detail:
         found.append(f"compiled in {detail['compile_seconds']:.1f} s")
     if "peak_memory_bytes" in detail:
         found.append(f"{detail['peak_memory_bytes'] / MEBIBYTE:,.0f} MiB")

@@ -67,7 +67,7 @@ def run(parsed: Parsed[Bench]) -> int:
     failed: dict[str, str] = {}
     interrupted = False
     with Progress(interval=0.0) as reporter:
-        for peer in interpreters.absent():
+        for peer in sorted(interpreters.missed):
             reporter.note(f"not installed, left out: {peer} (benchmarks/README.md)")
         if "gpu" in chosen and not any(task.label.startswith("gpu") for task in tasks):
             reporter.note("no GPU that JAX can use, left out: gpu")

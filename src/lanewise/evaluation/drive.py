@@ -75,7 +75,7 @@ def start(course: TestCourse, seed: int, index: int) -> World:
     Taken from its block: compiled any other way, its numbers could be rounded differently from
     those that `test` drives.
     """
-    block = _start_block(course, seed, index - index % BLOCK)
+    block = _start_block(course.scenario, course.split, seed, index - index % BLOCK)
     world: World = jax.tree.map(lambda leaf: leaf[index % BLOCK], block)
     return world
 
@@ -99,9 +99,10 @@ def test(
     Returns:
         Their outcomes, in order.
     """
+    starts = partial(_start_block, course.scenario, course.split)
 
     def block(first: int) -> Sums:
-        sums = drive_block(course, parameters, _start_block(course, seed, first))
+        sums = drive_block(course, parameters, starts(seed, first))
         fetched: Sums = jax.device_get(sums)
         return fetched
 
@@ -161,14 +162,12 @@ def gather(
     return kept
 
 
-@partial(jax.jit, static_argnums=0)
-def _start_block(course: TestCourse, seed: int, first: int) -> World:
+@partial(jax.jit, static_argnums=(0, 1))
+def _start_block(scenario: TrapSettings, split: str, seed: int, first: int) -> World:
     """Starts ``first`` to ``first + BLOCK - 1``."""
-    return jax.vmap(
-        lambda index: trap.sample(
-            course.scenario, trap.start_key(seed, course.split, index), course.split
-        )
-    )(first + jnp.arange(BLOCK))
+    return jax.vmap(lambda index: trap.sample(scenario, trap.start_key(seed, split, index), split))(
+        first + jnp.arange(BLOCK)
+    )
 
 
 @partial(jax.jit, static_argnums=0)

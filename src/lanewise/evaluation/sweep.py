@@ -16,8 +16,8 @@ from jax import Array
 
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.settings import DrivingSettings
-from lanewise.evaluation import drive, escapes, reachability
-from lanewise.evaluation.drive import TestCourse
+from lanewise.evaluation import concurrent, drive, escapes, reachability
+from lanewise.evaluation.drive import Sums, TestCourse
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.grid import CAUSES, Grid, Outcome, Point, Reach
 from lanewise.scenario import trap
@@ -103,9 +103,9 @@ def run(
         first: the point to begin with.
 
     Yields:
-        The outcomes of the next few points: as many as fill a block, at least one.
+        The outcomes of the next few points: as many as fill a block for each core, at least one.
     """
-    together = max(1, drive.BLOCK // episodes)
+    together = max(1, concurrent.threads() * drive.BLOCK // episodes)
     for begin in range(first, len(points), together):
         some = points[begin : begin + together]
         numbers = [start_of(test.scenario, point) for point in some for _ in range(episodes)]
@@ -122,8 +122,8 @@ def _drive(
     """Episodes from given starts, in blocks; the last is filled up with copies."""
     count = len(numbers)
     filled = [*numbers, *[numbers[-1]] * (ceil(count / drive.BLOCK) * drive.BLOCK - count)]
-    sums = []
-    for begin in range(0, len(filled), drive.BLOCK):
+
+    def driven(begin: int) -> Sums:
         block: Start = jax.tree.map(
             lambda *values: np.asarray(
                 values, np.int32 if isinstance(values[0], int) else np.float32
@@ -131,8 +131,11 @@ def _drive(
             *filled[begin : begin + drive.BLOCK],
         )
         worlds = _place(test, seed, first + begin, block)
-        sums.append(jax.device_get(drive.drive_block(test, parameters, worlds)))
-    whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *sums)
+        sums: Sums = jax.device_get(drive.drive_block(test, parameters, worlds))
+        return sums
+
+    blocks = concurrent.in_order(driven, range(0, len(filled), drive.BLOCK))
+    whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *blocks)
     return drive.as_episodes(test.driving, whole)
 
 

@@ -158,7 +158,12 @@ def _write(files: _Files, report: stages.Report, seconds: float) -> None:
         files.metrics.append(line)
     chunk = report.chunk
     files.timings.append(
-        {"stage": chunk["stage"], "chunk": chunk["chunk"], "seconds": round(seconds, 4)}
+        {
+            "stage": chunk["stage"],
+            "chunk": chunk["chunk"],
+            "seconds": round(seconds, 4),
+            "validation": round(report.validation_seconds, 4),
+        }
     )
 
 

@@ -4,6 +4,7 @@ Nothing here reads or writes files or prints: every chunk returns a `Report`, an
 outside.
 """
 
+import time
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -62,6 +63,8 @@ class Report:
     """One line of metrics about the chunk."""
     episodes: list[dict[str, Any]]
     """One line for each episode completed in it, ordered by (decision, world)."""
+    validation_seconds: float
+    """Wall-clock time of the validation after it; 0 without one."""
 
 
 @dataclass(frozen=True)
@@ -132,14 +135,16 @@ def book(
     metrics = jax.device_get(metrics)
     lines = _episode_lines(plan, progress.ledger, metrics.finished)
     ledger = _booked(plan, progress.ledger, lines)
+    began = time.perf_counter()
     validation = _validate(plan, frozen, state, ledger)
+    seconds = time.perf_counter() - began if validation is not None else 0.0
     score = _score(plan, ledger, validation)
     best = progress.best
     if score and score > ledger.best_score:
         best = jax.device_get(stage.online(state.learners))
         ledger = replace(ledger, best_score=score, best_chunk=ledger.chunks)
     line = _chunk_line(plan, ledger, metrics, lines, validation)
-    return StageProgress(state, best, ledger), Report(line, lines)
+    return StageProgress(state, best, ledger), Report(line, lines, seconds)
 
 
 def result(progress: StageProgress, keep: str) -> Parameters:

@@ -4,6 +4,7 @@ from functools import partial
 from typing import Any
 
 from lanewise.bench import processes
+from lanewise.bench.parts import scaling
 from lanewise.bench.task import Asked, Figure, Task
 
 PART = "gpu"
@@ -11,7 +12,6 @@ WORLDS = (4096, 65_536)
 VEHICLES = {12: 3, 51: 4}
 """And their lanes."""
 SEEDS = (1, 16, 64, 256)
-WORLDS_A_SEED = 32
 
 
 def is_present() -> bool:
@@ -31,7 +31,14 @@ def tasks(asked: Asked) -> list[Task]:
         for vehicles, lanes in VEHICLES.items()
         for worlds in WORLDS
     ]
-    found += [Task(f"gpu: {seeds} seeds at once", partial(_seeds, seeds, asked)) for seeds in SEEDS]
+    case = "training, one update a step, 1 GPU"
+    found += [
+        Task(
+            f"gpu: {seeds} seeds at once",
+            partial(scaling.training_of_seeds, PART, case, seeds, scaling.WORLDS_A_SEED, asked),
+        )
+        for seeds in SEEDS
+    ]
     return found
 
 
@@ -46,12 +53,3 @@ def _world(vehicles: int, lanes: int, worlds: int, asked: Asked) -> list[Figure]
     }
     subject = f"lanewise, {worlds} worlds"
     return [Figure(PART, f"{vehicles} vehicles, 1 GPU", subject, rate, "vehicle-ticks/s", detail)]
-
-
-def _seeds(seeds: int, asked: Asked) -> list[Figure]:
-    arguments = {"seeds": seeds, "worlds": WORLDS_A_SEED, "seconds": asked.seconds}
-    result = processes.alone("lanewise_seeds", arguments, asked.cores)
-    rate = result["steps"] / result["seconds"]
-    detail = {"compile_seconds": result["compile_seconds"]}
-    case = "training, one update a step, 1 GPU"
-    return [Figure(PART, case, f"lanewise, {seeds} seeds", rate, "steps/s, all seeds", detail)]

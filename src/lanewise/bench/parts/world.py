@@ -39,7 +39,11 @@ def _of_size(asked: Asked, vehicles: int, cores: int) -> list[Task]:
     size = {"vehicles": vehicles, "lanes": LANES[vehicles], "seconds": asked.seconds}
     counts = WORLDS if cores == asked.cores else (1024,)
     found = [
-        _task(case, f"lanewise, {worlds} worlds", _each("lanewise_world", worlds, size, cores))
+        _task(
+            case,
+            f"lanewise, {worlds} world{'s' if worlds > 1 else ''}",
+            _each("lanewise_world", worlds, size, cores),
+        )
         for worlds in counts
     ]
     if python := asked.interpreters.find("highway-env"):
