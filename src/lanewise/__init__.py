@@ -1,3 +1,22 @@
 """Lanewise: teaching a car to get out of slow traffic with hierarchical reinforcement learning."""
 
-__version__ = "0.1.0"
+from typing import TYPE_CHECKING, Any
+
+from lanewise import registration
+from lanewise.version import __version__
+
+if TYPE_CHECKING:
+    from lanewise.api import Evaluation, Parts, evaluate
+
+__all__ = ["Evaluation", "Parts", "__version__", "evaluate"]
+
+registration.with_gymnasium()
+
+
+def __getattr__(name: str) -> Any:
+    """The public names of `lanewise.api`, imported when first used: JAX takes half a second."""
+    if name in __all__:
+        from lanewise import api
+
+        return getattr(api, name)
+    raise AttributeError(f"module 'lanewise' has no attribute {name!r}")

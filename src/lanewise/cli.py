@@ -9,11 +9,11 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from lanewise import __version__
-from lanewise.commands import bench, compare, evaluate, reproduce, sweep, train, watch
+from lanewise.commands import bench, compare, doctor, evaluate, reproduce, sweep, train, watch
 from lanewise.commands.arguments import Parsed, parse
 from lanewise.errors import LanewiseError, SettingsError
 from lanewise.names import look_up
+from lanewise.version import __version__
 
 COMMANDS: dict[str, type] = {
     "train": train.Train,
@@ -23,6 +23,7 @@ COMMANDS: dict[str, type] = {
     "sweep": sweep.Sweep,
     "reproduce": reproduce.Reproduce,
     "bench": bench.Bench,
+    "doctor": doctor.Doctor,
 }
 
 RUNNERS: dict[str, Callable[[Parsed[Any]], int]] = {
@@ -33,6 +34,7 @@ RUNNERS: dict[str, Callable[[Parsed[Any]], int]] = {
     "sweep": sweep.run,
     "reproduce": reproduce.run,
     "bench": bench.run,
+    "doctor": doctor.run,
 }
 
 DESCRIPTION = (
@@ -47,7 +49,8 @@ INTERRUPTED = 130
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs ``lanewise`` and returns its exit code.
 
-    0 done, 1 a measurement of ``bench`` failed, 2 refused, 130 interrupted.
+    0 done, 1 a measurement of ``bench`` failed or ``doctor`` found something broken, 2 refused,
+    130 interrupted.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:

@@ -72,7 +72,7 @@ def test_reward_is_of_the_state_after_the_decision():
 def test_escape_needs_the_rear_bumper_past_the_front_of_the_foremost_trap_car(ego_x, escaped):
     """Both are 5 m long, so the centres must be more than 5 m apart."""
     before = episode.begin(trap_world(ego_x))
-    after, _ = JUDGE(before, before.world, jnp.int32(actions.IDLE), 50)
+    after, _ = JUDGE(before, before.world, jnp.float32(0.0), 50)
     assert bool(after.escaped) == escaped
 
 
@@ -86,6 +86,6 @@ def test_an_escape_in_the_decision_of_an_accident_does_not_count():
     before = episode.begin(trap_world(120.0))
     wreck = before.world
     vehicles = replace(wreck.vehicles, crashed=wreck.vehicles.crashed.at[0].set(True))
-    after, outcome = JUDGE(before, replace(wreck, vehicles=vehicles), jnp.int32(actions.IDLE), 50)
+    after, outcome = JUDGE(before, replace(wreck, vehicles=vehicles), jnp.float32(0.0), 50)
     assert outcome.terminated
     assert not after.escaped

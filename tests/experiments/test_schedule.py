@@ -230,9 +230,9 @@ WITHOUT_HIGHWAY_ENV = """
 import sys
 sys.modules["highway_env"] = None
 from lanewise.errors import LanewiseError
-from lanewise.experiments import testing
+from lanewise import interop
 try:
-    testing._twin()
+    interop.twin()
 except LanewiseError as error:
     print(error)
 """

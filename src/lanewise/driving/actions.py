@@ -30,3 +30,14 @@ def commands(settings: ActionSettings, action: Array, dtype: jnp.dtype) -> tuple
         acceleration.astype(dtype) * settings.acceleration,
         steering.astype(dtype) * settings.steering,
     )
+
+
+def shared(settings: ActionSettings, shares: Array) -> tuple[Array, Array]:
+    """Commands of a continuous action: (acceleration in m/s^2, steering in rad).
+
+    Args:
+        settings: the sizes that 1 stands for.
+        shares: [2] of acceleration and steering, clipped to [-1, 1].
+    """
+    shares = jnp.clip(shares, -1.0, 1.0)
+    return shares[0] * settings.acceleration, shares[1] * settings.steering

@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from lanewise.driving import accidents, actions, observation, reward
+from lanewise.driving import accidents, actions
+from lanewise.driving.parts import OURS, Parts
 from lanewise.driving.settings import DrivingSettings
-from lanewise.scenario import trap
 from lanewise.world import bicycle, tick
 from lanewise.world.state import RULE_BASED, World
 from lanewise.world.steering import of_slip
@@ -24,7 +24,7 @@ class Episode:
     decisions: Array
     """int32 [] decisions taken so far."""
     escaped: Array
-    """bool [] whether the ego's rear has passed the front of every trap car by now."""
+    """bool [] success by now: the ego's rear has passed the front of every trap car."""
 
 
 @jax.tree_util.register_dataclass
@@ -48,7 +48,11 @@ def begin(world: World) -> Episode:
 
 
 def step(
-    settings: DrivingSettings, episode: Episode, action: Array, duration: int
+    settings: DrivingSettings,
+    episode: Episode,
+    action: Array,
+    duration: int,
+    parts: Parts = OURS,
 ) -> tuple[Episode, Outcome]:
     """One decision: act, let the world tick, then look at reward and endings.
 
@@ -57,15 +61,28 @@ def step(
         episode: before the decision.
         action: int32 [] low-level action index.
         duration: decisions after which the episode is truncated.
+        parts: whose reward and success count.
 
     Returns:
         The episode after the decision, and its outcome.
     """
     dtype = episode.world.vehicles.x.dtype
     acceleration, steering = actions.commands(settings.actions, action, dtype)
+    return drive(settings, episode, acceleration, steering, duration, parts)
+
+
+def drive(
+    settings: DrivingSettings,
+    episode: Episode,
+    acceleration: Array,
+    steering: Array,
+    duration: int,
+    parts: Parts = OURS,
+) -> tuple[Episode, Outcome]:
+    """As `step`, with any acceleration, m/s^2, and steering, rad, positive to the right."""
     world = bicycle.command(episode.world, acceleration, steering)
     world = tick.run(world, settings.tick_duration, settings.ticks_per_decision)
-    return judge(settings, episode, world, action, duration)
+    return judge(settings, episode, world, steering, duration, parts)
 
 
 def ends_timestep(settings: DrivingSettings, after: Episode, outcome: Outcome) -> Array:
@@ -78,7 +95,12 @@ def ends_timestep(settings: DrivingSettings, after: Episode, outcome: Outcome) -
 
 
 def judge(
-    settings: DrivingSettings, before: Episode, world: World, action: Array, duration: int
+    settings: DrivingSettings,
+    before: Episode,
+    world: World,
+    steering: Array,
+    duration: int,
+    parts: Parts = OURS,
 ) -> tuple[Episode, Outcome]:
     """What a decision led to, given the world after it, whoever simulated it.
 
@@ -86,25 +108,24 @@ def judge(
         settings: the decision process.
         before: the episode before the decision.
         world: the world after it.
-        action: int32 [] low-level action index of the decision.
+        steering: [] angle the decision steered by, rad.
         duration: decisions after which the episode is truncated.
+        parts: whose reward and success count.
 
     Returns:
         The episode after the decision, and its outcome.
     """
-    _, steering = actions.commands(settings.actions, action, world.vehicles.x.dtype)
     # A rule-based ego heeds no action; what it steered last is in the world.
     by_rules = world.drivers.kind[0] == RULE_BASED
     steering = jnp.where(by_rules, of_slip(world.vehicles.slip_sine[0]), steering)
     decisions = before.decisions + 1
     accident = accidents.of_ego(world, settings.stopped_speed)
     terminated = accident != accidents.NONE
-    offset = observation.lane_offset(world)
     outcome = Outcome(
-        reward=reward.total(settings.reward, world.vehicles.speed[0], offset, steering, terminated),
+        reward=parts.reward(settings.reward, world, steering, terminated),
         accident=accident,
         terminated=terminated,
         truncated=(decisions >= duration) & ~terminated,
     )
-    escaped = before.escaped | (trap.escaped(world) & ~terminated)
+    escaped = before.escaped | (parts.success(world) & ~terminated)
     return Episode(world=world, decisions=decisions, escaped=escaped), outcome

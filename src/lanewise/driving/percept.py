@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import jax
 from jax import Array
 
-from lanewise.driving import observation
+from lanewise.driving.parts import OURS, Parts
 from lanewise.driving.settings import ObservationSettings
 from lanewise.world import road
 from lanewise.world.state import Road, World
@@ -17,7 +17,7 @@ class Percept:
     """The 26 features, the ego in SI units, and the road."""
 
     features: Array
-    """[26] scaled observation."""
+    """[26] scaled observation, or what a user's own function sees."""
     x: Array
     """[] m."""
     y: Array
@@ -34,11 +34,13 @@ class Percept:
     """Everybody on the road: privileged, there in tests alone, read by reference drivers alone."""
 
 
-def of(settings: ObservationSettings, world: World, *, privileged: bool = False) -> Percept:
+def of(
+    settings: ObservationSettings, world: World, parts: Parts = OURS, *, privileged: bool = False
+) -> Percept:
     """The percept of the ego in ``world``, with the world itself if ``privileged``."""
     vehicles = world.vehicles
     return Percept(
-        features=observation.features(settings, world),
+        features=parts.observe(settings, world),
         x=vehicles.x[0],
         y=vehicles.y[0],
         heading=vehicles.heading[0],

@@ -3,7 +3,9 @@
 import jax.numpy as jnp
 from jax import Array
 
+from lanewise.driving import observation
 from lanewise.driving.settings import RewardSettings
+from lanewise.world.state import World
 
 
 def speed(speed: Array) -> Array:
@@ -55,3 +57,11 @@ def total(
         + settings.centring_weight * centring(lane_offset)
     ) / weights
     return jnp.where(accident, -settings.accident_penalty, driving)
+
+
+def of_decision(
+    settings: RewardSettings, world: World, steering_angle: Array, accident: Array
+) -> Array:
+    """Reward of a decision that led to ``world``, eq. (6); see `total`."""
+    offset = observation.lane_offset(world)
+    return total(settings, world.vehicles.speed[0], offset, steering_angle, accident)

@@ -18,6 +18,8 @@ from lanewise.controllers.controller import Controller, Parameters
 from lanewise.controllers.goal_critic import GoalMemory
 from lanewise.driving import episode, percept
 from lanewise.driving.episode import Episode, Outcome
+from lanewise.driving.parts import OURS, Parts
+from lanewise.driving.percept import Percept
 from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation import concurrent
 from lanewise.evaluation.episodes import Episodes, Recording
@@ -42,6 +44,8 @@ class TestCourse:
     """Which starts: ``test``, or ``validation``, or ``training``."""
     at_once: int = BLOCK
     """Episodes of a block driven at once; fewer for a controller that needs much memory."""
+    parts: Parts = OURS
+    """How episodes start, and what is seen, paid and counted as success."""
 
 
 @jax.tree_util.register_dataclass
@@ -75,7 +79,7 @@ def start(course: TestCourse, seed: int, index: int) -> World:
     Taken from its block: compiled any other way, its numbers could be rounded differently from
     those that `test` drives.
     """
-    block = _start_block(course.scenario, course.split, seed, index - index % BLOCK)
+    block = start_block(course, seed, index - index % BLOCK)
     world: World = jax.tree.map(lambda leaf: leaf[index % BLOCK], block)
     return world
 
@@ -99,10 +103,9 @@ def test(
     Returns:
         Their outcomes, in order.
     """
-    starts = partial(_start_block, course.scenario, course.split)
 
     def block(first: int) -> Sums:
-        sums = drive_block(course, parameters, starts(seed, first))
+        sums = drive_block(course, parameters, start_block(course, seed, first))
         fetched: Sums = jax.device_get(sums)
         return fetched
 
@@ -162,12 +165,20 @@ def gather(
     return kept
 
 
-@partial(jax.jit, static_argnums=(0, 1))
-def _start_block(scenario: TrapSettings, split: str, seed: int, first: int) -> World:
+def start_block(course: TestCourse, seed: int, first: int) -> World:
     """Starts ``first`` to ``first + BLOCK - 1``."""
-    return jax.vmap(lambda index: trap.sample(scenario, trap.start_key(seed, split, index), split))(
-        first + jnp.arange(BLOCK)
-    )
+    # Compiled once for all courses that start alike.
+    worlds: World = _start_block(course.parts.start, course.scenario, course.split, seed, first)
+    return worlds
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _start_block(sample: Any, scenario: TrapSettings, split: str, seed: int, first: int) -> World:
+    def start(index: Array) -> World:
+        world: World = sample(scenario, trap.start_key(seed, split, index), split)
+        return world
+
+    return jax.vmap(start)(first + jnp.arange(BLOCK))
 
 
 @partial(jax.jit, static_argnums=0)
@@ -189,21 +200,30 @@ def _drive_one(course: TestCourse, parameters: Parameters, world: World) -> Sums
         goal = course.controller.goal(memory)
         return state, memory, gather(course.driving, sums, state, outcome, goal)
 
-    state = episode.begin(world)
-    seen = percept.of(course.driving.observation, world, privileged=True)
-    memory = course.controller.start(seen)
+    state, memory = begin(course, world)
     carry = (state, memory, nothing_yet())
     sums: Sums = jax.lax.fori_loop(0, course.duration, decide, carry)[2]
     return sums
+
+
+def begin(course: TestCourse, world: World) -> tuple[Episode, Any]:
+    """(the episode that starts in ``world``, the controller's memory)."""
+    state = episode.begin(world)
+    return state, course.controller.start(look(course, state))
+
+
+def look(course: TestCourse, state: Episode) -> Percept:
+    """What the controller may look at; reference drivers at everything."""
+    return percept.of(course.driving.observation, state.world, course.parts, privileged=True)
 
 
 def decision(
     course: TestCourse, parameters: Parameters, state: Episode, memory: Any
 ) -> tuple[Episode, Any, Outcome, dict[str, controllers.Trace]]:
     """One greedy decision."""
-    seen = percept.of(course.driving.observation, state.world, privileged=True)
+    seen = look(course, state)
     action, memory, trace = controllers.act(course.controller, parameters, memory, seen)
-    state, outcome = episode.step(course.driving, state, action, course.duration)
+    state, outcome = episode.step(course.driving, state, action, course.duration, course.parts)
     return state, memory, outcome, trace
 
 
@@ -217,9 +237,7 @@ def _record(course: TestCourse, parameters: Parameters, world: World) -> Any:
         sums = gather(course.driving, sums, state, outcome, course.controller.goal(memory))
         return (state, memory, sums), (state.world.vehicles, memory, sums, outcome.reward)
 
-    seen = percept.of(course.driving.observation, world, privileged=True)
-    memory = course.controller.start(seen)
-    carry = (episode.begin(world), memory, nothing_yet())
+    carry = (*begin(course, world), nothing_yet())
     return jax.lax.scan(decide, carry, length=course.duration)[1]
 
 

@@ -1,9 +1,8 @@
 """Test a trained controller in either world, with progress; shared by the commands."""
 
 from collections.abc import Callable
-from typing import Any
 
-from lanewise.errors import LanewiseError
+from lanewise import interop
 from lanewise.evaluation import drive
 from lanewise.evaluation.drive import TestCourse
 from lanewise.evaluation.episodes import Episodes, Recording
@@ -31,7 +30,7 @@ def test(
         return drive.test(
             course(trained, renewal), trained.parameters, seed, episodes, reporter.update
         )
-    twin = _twin()
+    twin = interop.twin()
     reporter.stage(f"{trained.name} in highway-env", episodes)
     return twin.test(  # type: ignore[no-any-return]
         course(trained, renewal), trained.parameters, seed, episodes, reporter.update
@@ -42,16 +41,5 @@ def record(trained: Trained, world: str, seed: int, episode: int) -> Recording:
     """Drive one test episode and keep every frame."""
     recorder: Callable[..., Recording] = drive.record
     if world == "highway-env":
-        recorder = _twin().record
+        recorder = interop.twin().record
     return recorder(course(trained), trained.parameters, seed, episode)
-
-
-def _twin() -> Any:
-    """The module that drives in highway-env; imported only where it is wanted."""
-    try:
-        from lanewise.interop import drive as twin
-    except ImportError as error:
-        raise LanewiseError(
-            'driving in highway-env needs its package: pip install "lanewise[highway]"'
-        ) from error
-    return twin

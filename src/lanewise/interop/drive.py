@@ -16,7 +16,7 @@ from jax import Array
 
 from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Parameters
-from lanewise.driving import episode, observation, percept
+from lanewise.driving import actions, episode, observation
 from lanewise.driving.episode import Episode
 from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import LanewiseError
@@ -68,16 +68,16 @@ def _drive(course: TestCourse, parameters: Parameters, seed: int, index: int) ->
     """One episode: (vehicles, memory, sums, reward) after each decision."""
     world = jax.device_get(drive.start(course, seed, index))
     env = live(course.driving, world, course.duration)
-    state = episode.begin(_single(highway_env.read_world(env)))
+    state = episode.begin(read(env))
     memory = _start(course, state.world)
     sums = drive.nothing_yet()
     theirs = env.observation_type.observe()
     frames = []
     while not sums.over:
         action, memory, ours = _decide(course, parameters, state, memory)
-        _check(theirs, ours)
+        check(theirs, ours)
         theirs = env.step(int(action))[0]
-        after = _single(highway_env.read_world(env))
+        after = read(env)
         state, sums, reward = _judge(course, state, after, action, memory, sums)
         frames.append(jax.device_get((state.world.vehicles, memory, sums, reward)))
     env.close()
@@ -96,22 +96,21 @@ def live(driving: DrivingSettings, world: World, duration: int) -> Any:
     )
 
 
-def _single(world: World) -> World:
-    """A world in the precision of training: controllers see what they learnt on."""
+def read(env: Any) -> World:
+    """The world of a live environment in the precision of training: what controllers learnt on."""
 
     def narrow(leaf: Any) -> Array:
         array = np.asarray(leaf)
         return jnp.asarray(array.astype(np.float32) if array.dtype == np.float64 else array)
 
-    narrowed: World = jax.tree.map(narrow, world)
+    narrowed: World = jax.tree.map(narrow, highway_env.read_world(env))
     return narrowed
 
 
 @partial(jax.jit, static_argnums=0)
 def _start(course: TestCourse, world: World) -> Any:
     """The controller's memory at the start."""
-    seen = percept.of(course.driving.observation, world, privileged=True)
-    return course.controller.start(seen)
+    return drive.begin(course, world)[1]
 
 
 @partial(jax.jit, static_argnums=0)
@@ -119,12 +118,16 @@ def _decide(
     course: TestCourse, parameters: Parameters, state: Episode, memory: Any
 ) -> tuple[Array, Any, Array]:
     """(action, memory, the observation highway-env should have made, [5, 5])."""
-    settings = course.driving.observation
-    seen = percept.of(settings, state.world, privileged=True)
+    seen = drive.look(course, state)
     action, memory, _ = controllers.act(course.controller, parameters, memory, seen)
-    theirs = replace(settings, scaling="highway-env", perception_distance=200.0)
-    features = observation.features(theirs, state.world)
-    return action, memory, jnp.delete(features, observation.LANE_OFFSET).reshape(5, 5)
+    return action, memory, highway_env_s(course.driving, state.world)
+
+
+def highway_env_s(driving: DrivingSettings, world: World) -> Array:
+    """The observation highway-env should make of a world, [5, 5]."""
+    theirs = replace(driving.observation, scaling="highway-env", perception_distance=200.0)
+    features = observation.features(theirs, world)
+    return jnp.delete(features, observation.LANE_OFFSET).reshape(5, 5)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -132,13 +135,16 @@ def _judge(
     course: TestCourse, state: Episode, world: World, action: Array, memory: Any, sums: Sums
 ) -> tuple[Episode, Sums, Array]:
     """(episode, sums, reward) after a decision that highway-env simulated."""
-    state, outcome = episode.judge(course.driving, state, world, action, course.duration)
     goal = course.controller.goal(memory)
+    _, steering = actions.commands(course.driving.actions, action, world.vehicles.x.dtype)
+    state, outcome = episode.judge(
+        course.driving, state, world, steering, course.duration, course.parts
+    )
     sums = drive.gather(course.driving, sums, state, outcome, goal)
     return state, sums, outcome.reward
 
 
-def _check(theirs: Any, ours: Array) -> None:
+def check(theirs: Any, ours: Array) -> None:
     """Stop when the two observations differ: one of them is wrong, and no result would count.
 
     The order of vehicles that are equally near is the list's in both.

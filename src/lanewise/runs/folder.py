@@ -24,11 +24,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
 
-from lanewise import __version__, config
+from lanewise import config
 from lanewise.errors import RunError, SettingsError
 from lanewise.ranges import show
 from lanewise.runs.files import PARTIAL, write_atomically
 from lanewise.settings import Settings
+from lanewise.version import __version__
 
 FORMAT = "lanewise-run"
 VERSION = 2

@@ -7,7 +7,7 @@ from typing import Any
 
 import jax
 
-from lanewise import __version__, crosschecks
+from lanewise import crosschecks
 from lanewise.controllers.controller import Parameters
 from lanewise.errors import RunError, SettingsError
 from lanewise.learning import network
@@ -16,6 +16,7 @@ from lanewise.runs.folder import RunFolder
 from lanewise.settings import Settings
 from lanewise.training import recipe
 from lanewise.training.recipe import Stage
+from lanewise.version import __version__
 
 CONTROLLER = "controller"
 """File name of a finished run's controller."""

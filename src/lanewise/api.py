@@ -1,0 +1,164 @@
+"""What ``import lanewise`` offers to programs: anyone's policy through the paper's protocol."""
+
+import json
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from lanewise import interop
+from lanewise.controllers.planned import Planned
+from lanewise.controllers.single_level import SingleLevel
+from lanewise.driving.parts import Parts
+from lanewise.envs import functional
+from lanewise.envs.control import Goals
+from lanewise.errors import LanewiseError, SettingsError
+from lanewise.evaluation import metrics, outside, policies
+from lanewise.evaluation.drive import TestCourse
+from lanewise.evaluation.episodes import Episodes, Recording
+from lanewise.evaluation.metrics import Summary
+from lanewise.evaluation.outside import OutsideCourse
+from lanewise.experiments import testing
+from lanewise.names import look_up
+from lanewise.progress import Progress
+from lanewise.report import files, table
+from lanewise.runs import trained
+from lanewise.runs.trained import Trained
+
+__all__ = ["Evaluation", "Parts", "evaluate"]
+
+WORLDS = ("lanewise", "highway-env")
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A policy's test: its outcomes, the metrics, and its episodes to look at."""
+
+    episodes: Episodes
+    """Outcomes, in the order of the starts."""
+    summary: Summary
+    """The metrics, with 95 % intervals."""
+    _record: Any
+
+    def __str__(self) -> str:
+        """The table of ``lanewise evaluate``, the published figures beside it where there are."""
+        return table.text([self.summary]).rstrip("\n")
+
+    def table(self, *others: "Evaluation") -> str:
+        """This and others side by side, as Markdown."""
+        return table.markdown([self.summary, *(other.summary for other in others)])
+
+    def record(self, episode: int = 0) -> Recording:
+        """An episode frame by frame, driven once more."""
+        found: Recording = self._record(episode)
+        return found
+
+    def clip(self, path: Path | str, episode: int = 0) -> None:
+        """Draw an episode from above into a .gif or .mp4.
+
+        Raises:
+            LanewiseError: the file cannot be written, or a package of the extra ``report`` is
+                missing.
+        """
+        from lanewise.report import clip
+
+        clip.check_name(path)
+        clip.render(self.record(episode), path)
+
+    def save(self, path: Path | str) -> None:
+        """Write the metrics as JSON and, beside it, the episodes as CSV.
+
+        Raises:
+            LanewiseError: a file cannot be written.
+        """
+        place = Path(path)
+        files.write_text(place, json.dumps(self.summary.to_json(), indent=2) + "\n")
+        files.write_csv(place.with_suffix(".csv"), self.episodes)
+
+
+def evaluate(
+    policy: Any,
+    *,
+    name: str = "policy",
+    actions: str = "low-level",
+    world: str = "lanewise",
+    episodes: int = 300,
+    seed: int = 0,
+    batched: bool | None = None,
+    **settings: Any,
+) -> Evaluation:
+    """Test a policy as the paper tests its controllers: greedy episodes from the test start.
+
+    Nothing is loaded that could hold code: to test an agent of another library, load it yourself
+    and hand it over.
+
+    Args:
+        policy: a function from observations (float32 [26], or a batch [B, 26]) to actions; an
+            object with ``predict`` as Stable-Baselines3's agents; or one of ours: a run folder,
+            ``pretrained/NAME``, ``reference/NAME``.
+        name: in the table.
+        actions: what the policy chooses: ``low-level`` actions, ``goal`` (heeded where the goal
+            critic wants a new one) or ``continuous`` acceleration and steering.
+        world: ``lanewise``, or ``highway-env`` for the real one.
+        episodes: number of test episodes.
+        seed: of the starts.
+        batched: whether a function takes batches; None finds out.
+        settings: as of `lanewise.envs.functional.make`, such as ``duration``, ``parts`` and any
+            setting of scenario and driving; a controller of ours brings its own.
+
+    Returns:
+        Metrics, outcomes, and episodes to look at.
+
+    Raises:
+        LanewiseError: an argument makes no sense, or the policy chose what does not exist.
+    """
+    look_up("world", world, dict.fromkeys(WORLDS))
+    if isinstance(episodes, bool) or not isinstance(episodes, int) or episodes < 1:
+        raise SettingsError(f"episodes must be a whole number from 1 on, got {episodes!r}")
+    if isinstance(policy, str | Path | Trained):
+        return _ours(policy, world, episodes, seed, settings)
+    course = _course(actions, name, settings)
+    decide = policies.decider(policy, batched, course.shape)
+    driver: Any = interop.twin_of_policies() if world == "highway-env" else outside
+    with Progress() as reporter:
+        reporter.stage(name, episodes)
+        found = driver.test(course, decide, seed, episodes, reporter.update)
+    return Evaluation(
+        episodes=found,
+        summary=metrics.summarise(found, controller=name, world=world),
+        _record=partial(driver.record, course, decide, seed),
+    )
+
+
+def _ours(
+    policy: str | Path | Trained, world: str, episodes: int, seed: int, settings: Any
+) -> Evaluation:
+    """A controller of ours, with the settings of its own run."""
+    if settings:
+        raise LanewiseError(
+            f"{next(iter(settings))}: a trained controller is tested with its own settings"
+        )
+    controller = policy if isinstance(policy, Trained) else trained.load(Path(policy))
+    with Progress() as reporter:
+        found = testing.test(controller, world, episodes, seed, reporter)
+    return Evaluation(
+        episodes=found,
+        summary=metrics.summarise(found, controller=controller.name, world=world),
+        _record=partial(testing.record, controller, world, seed),
+    )
+
+
+def _course(actions: str, name: str, settings: dict[str, Any]) -> OutsideCourse:
+    """The test with these settings and the controller that takes the choices."""
+    given: dict[str, Any] = {"split": "test"} | settings
+    task = functional.make(actions, **given)
+    rules = task.rules
+    controller: Any = SingleLevel(name=name)
+    if isinstance(task.control, Goals):
+        controller = Planned(
+            rules.driving, task.control.goals, task.control.planner, renewal="critic", name=name
+        )
+    test = TestCourse(
+        task.scenario, rules.driving, controller, rules.duration, task.split, parts=rules.parts
+    )
+    return OutsideCourse(test, actions)

@@ -1,0 +1,37 @@
+"""What of the decision process may be replaced by a user's functions."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from jax import Array
+
+from lanewise.driving import observation, reward
+from lanewise.driving.settings import ObservationSettings, RewardSettings
+from lanewise.scenario import trap
+from lanewise.scenario.settings import TrapSettings
+from lanewise.world.state import World
+
+
+@dataclass(frozen=True)
+class Parts:
+    """How an episode starts, and what is seen, paid and counted as success. Static.
+
+    Each is a pure function written for one world, to be traced by JAX. Functions are compared by
+    identity: name them once, at a module's top, and programs compiled with them are found again.
+    """
+
+    start: Callable[[TrapSettings, Array, str], World] = trap.sample
+    """(scenario, random key, split) to the world at the start; the number of vehicles and lanes
+    must be the same for every key. Vehicle 0 is the ego, 1 and 2 are the trap cars."""
+    observe: Callable[[ObservationSettings, World], Array] = observation.features
+    """(settings, world) to what the controller sees, float32 [n]."""
+    reward: Callable[[RewardSettings, World, Array, Array], Array] = reward.of_decision
+    """(settings, world after a decision, steering angle in rad, bool [] whether an accident ended
+    it) to the reward of the decision, []."""
+    success: Callable[[World], Array] = trap.escaped
+    """World after a decision to whether the episode has succeeded by now, bool []; once true it
+    stays so, and an accident takes it away."""
+
+
+OURS = Parts()
+"""The paper's."""

@@ -1,0 +1,1 @@
+"""The trap as an environment for other people's agents: Gymnasium, vectorised, and pure JAX."""

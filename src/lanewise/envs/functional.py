@@ -1,0 +1,219 @@
+"""The trap as pure functions, for compiled loops of one's own.
+
+``reset`` and ``step`` are written for one world; ``jax.vmap`` makes many of it, ``jax.lax.scan`` a
+loop. Nothing is restarted by itself: see `restarted`.
+"""
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from lanewise.driving import episode, restart
+from lanewise.driving.episode import Episode
+from lanewise.driving.parts import OURS, Parts
+from lanewise.envs import keywords
+from lanewise.envs.control import Continuous, Control, Driven, Goals, LowLevel, Rules
+from lanewise.errors import SettingsError
+from lanewise.names import look_up
+from lanewise.scenario.settings import TrapSettings
+from lanewise.scenario.trap import SPLITS
+
+ACTIONS = ("low-level", "goal", "continuous")
+"""What an action may be, see `lanewise.envs.control`."""
+
+
+@dataclass(frozen=True)
+class Trap:
+    """What stays the same through all episodes. Static: an argument of compiled functions."""
+
+    scenario: TrapSettings
+    control: Control
+    rules: Rules
+    split: str
+    """From which starts: ``training``, ``validation`` or ``test``."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class State:
+    """An episode under way."""
+
+    episode: Episode
+    """The world and the count of decisions."""
+    memory: Any
+    """The control's: the goal under way."""
+    reward: Array
+    """[] of the last step."""
+    timestep_reward: Array
+    """[] the paper's sum so far: one reward a second, an accident's penalty once."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Step:
+    """What a step, or a reset, shows."""
+
+    observation: Array
+    """float32 [26]; of the state after the step, also where that was the episode's last."""
+    reward: Array
+    """float32 [] of the step; 0 after a reset."""
+    terminated: Array
+    """bool [] an accident ended the episode: no future to be valued."""
+    truncated: Array
+    """bool [] time ran out: the observation's value still counts."""
+    success: Array
+    """bool [] the ego has escaped, and no accident has happened, by now."""
+    accident: Array
+    """int32 [] 0 none, 1 collision, 2 off the road, 3 come to a stop."""
+    speed: Array
+    """float32 [] the ego's, m/s."""
+    timestep_reward: Array
+    """float32 [] the paper's sum of rewards so far: one a second, an accident's once."""
+
+
+def make(
+    actions: str = "low-level",
+    *,
+    preset: str = "quick",
+    trap: str = "trap-10",
+    split: str = "training",
+    duration: float = 25.0,
+    parts: Parts = OURS,
+    **settings: Any,
+) -> Trap:
+    """The trap with these settings.
+
+    Args:
+        actions: what an action is: ``low-level``, one of nine; ``goal``, one of the high level's,
+            with planner and goal critic beneath; or ``continuous``, acceleration and steering.
+        preset: a training preset, which says over which starts training episodes vary.
+        trap: a scenario preset, ``trap-10`` or ``trap-10.9``.
+        split: from which starts: ``training``, ``validation`` or ``test``.
+        duration: after which an episode is truncated, s.
+        parts: functions of the user's own for start, observation, reward and success.
+        settings: any of scenario, driving, goals and planner (docs/settings.md), named in full,
+            by the last word, or in a mapping named like the section.
+
+    Raises:
+        SettingsError: a name or a value is wrong; the message says what it may be.
+    """
+    composed = keywords.compose(preset, trap, settings)
+    look_up("split", split, dict.fromkeys(SPLITS))
+    frequency = composed.driving.decision_frequency
+    if isinstance(duration, bool) or not 1 / frequency <= duration <= 1e6:
+        raise SettingsError(f"duration must be between {1 / frequency:g} and 1e6 s, got {duration}")
+    controls: dict[str, Control] = {
+        "low-level": LowLevel(),
+        "goal": Goals(composed.goals, composed.planner),
+        "continuous": Continuous(),
+    }
+    return Trap(
+        scenario=composed.scenario,
+        control=look_up("kind of action", actions, controls),
+        rules=Rules(composed.driving, parts, round(duration * frequency)),
+        split=split,
+    )
+
+
+@partial(jax.jit, static_argnums=0)
+def reset(task: Trap, key: Array) -> tuple[State, Step]:
+    """A fresh episode.
+
+    Args:
+        task: from `make`.
+        key: random key of the start.
+
+    Returns:
+        The state, and what it shows.
+    """
+    return start(task, task.rules.parts.start(task.scenario, key, task.split))
+
+
+@partial(jax.jit, static_argnums=0)
+def step(task: Trap, state: State, action: Array) -> tuple[State, Step]:
+    """One step; what follows an episode's end is without meaning.
+
+    Args:
+        task: from `make`.
+        state: before the step.
+        action: int32 [] index of a low-level action or a goal; for continuous ones float32 [2]:
+            acceleration and steering (positive to the right) from -1 to 1.
+
+    Returns:
+        The state after it, and what the step led to.
+    """
+    return led_to(task, state, *task.control.drive(task.rules, state.episode, state.memory, action))
+
+
+def led_to(
+    task: Trap, state: State, after: Episode, memory: Any, driven: Driven
+) -> tuple[State, Step]:
+    """The state after a step, and what it shows, whoever simulated it.
+
+    Args:
+        task: from `make`.
+        state: before the step.
+        after: the episode after it.
+        memory: the control's.
+        driven: what the step led to.
+    """
+    outcome = driven.outcome
+    total = state.timestep_reward + driven.timestep_reward
+    state = State(after, memory, outcome.reward, total)
+    shown = _shown(task, state)
+    return state, replace(
+        shown,
+        terminated=outcome.terminated,
+        truncated=outcome.truncated,
+        success=after.escaped & ~outcome.terminated,
+        accident=outcome.accident,
+    )
+
+
+def restarted(task: Trap, states: State, steps: Step, keys: Array) -> tuple[State, Array]:
+    """Fresh episodes where the last step ended one.
+
+    Args:
+        task: from `make`.
+        states: [W] after a step.
+        steps: [W] what the step showed; its observations are those of the episodes that ended.
+        keys: [W] random keys, used where an episode ended.
+
+    Returns:
+        ([W] states, none of them over; [W, 26] their observations, to act on next).
+    """
+
+    def begin(over: Array) -> tuple[State, Array]:
+        fresh, shown = jax.vmap(partial(reset, task))(keys[over])
+        return fresh, shown.observation
+
+    done = steps.terminated | steps.truncated
+    found: tuple[State, Array] = restart.where(done, (states, steps.observation), begin)
+    return found
+
+
+def start(task: Trap, world: Any) -> tuple[State, Step]:
+    """A fresh episode from a world of one's own (`lanewise.scenario.trap.place` makes them)."""
+    begun = episode.begin(world)
+    zero = jnp.zeros_like(world.vehicles.x[0])
+    state = State(begun, task.control.begin(task.rules, begun), zero, zero)
+    return state, _shown(task, state)
+
+
+def _shown(task: Trap, state: State) -> Step:
+    """What a state shows, as after a reset."""
+    world, none = state.episode.world, jnp.bool_(False)
+    return Step(
+        observation=task.rules.parts.observe(task.rules.driving.observation, world),
+        reward=state.reward,
+        terminated=none,
+        truncated=none,
+        success=none,
+        accident=jnp.int32(0),
+        speed=world.vehicles.speed[0],
+        timestep_reward=state.timestep_reward,
+    )

@@ -1,0 +1,75 @@
+"""The trap inside the real highway-env, with our observation, reward and endings."""
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from numpy.typing import NDArray
+
+from lanewise.driving import actions, episode
+from lanewise.envs import control, functional, rows
+from lanewise.envs.functional import State, Trap
+from lanewise.envs.single import TrapEnv
+from lanewise.interop import twin
+from lanewise.scenario import trap
+from lanewise.world.state import World
+
+drive = twin()
+
+
+class TrapHighwayEnv(TrapEnv):
+    """The trap with the nine low-level actions in highway-env: ``lanewise/TrapHighwayEnv-v0``.
+
+    The same starts as in ``lanewise/Trap-v0``, simulated by highway-env; needs the extra
+    ``highway``. ``highway_env`` is the environment beneath.
+    """
+
+    highway_env: Any = None
+
+    def close(self) -> None:
+        """Close the environment beneath."""
+        if self.highway_env is not None:
+            self.highway_env.close()
+            self.highway_env = None
+
+    def _begin(self, seed: int, index: int) -> Any:
+        self.close()
+        world = jax.device_get(_start(self.task, jnp.uint32(seed), jnp.int32(index)))
+        self.highway_env = drive.live(self.task.rules.driving, world, self.task.rules.duration)
+        self._state, row = _begun(self.task, drive.read(self.highway_env))
+        return row
+
+    def _decide(self, action: NDArray[Any]) -> Any:
+        self.highway_env.step(int(action))
+        self._state, row = _judged(self.task, self._state, drive.read(self.highway_env), action)
+        return row
+
+
+@partial(jax.jit, static_argnums=0)
+def _start(task: Trap, seed: Array, index: Array) -> World:
+    """Start ``index`` of a seed."""
+    return task.rules.parts.start(
+        task.scenario, trap.start_key(seed, task.split, index), task.split
+    )
+
+
+@partial(jax.jit, static_argnums=0)
+def _begun(task: Trap, world: World) -> tuple[State, Array]:
+    """(state, row) at the start."""
+    state, shown = functional.start(task, world)
+    return state, rows.pack(shown)
+
+
+@partial(jax.jit, static_argnums=0)
+def _judged(task: Trap, state: State, world: World, action: Array) -> tuple[State, Array]:
+    """(state, row) after a decision that highway-env simulated."""
+    rules = task.rules
+    _, steering = actions.commands(rules.driving.actions, action, world.vehicles.x.dtype)
+    after, outcome = episode.judge(
+        rules.driving, state.episode, world, steering, rules.duration, rules.parts
+    )
+    driven = control.of_decision(rules, after, outcome)
+    state, shown = functional.led_to(task, state, after, state.memory, driven)
+    return state, rows.pack(shown)

@@ -1,0 +1,57 @@
+"""The settings of an environment, given by keyword as to ``gymnasium.make``. Imports no JAX."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from lanewise import config
+from lanewise.errors import SettingsError
+from lanewise.names import nearest
+from lanewise.settings import Settings
+
+SECTIONS = ("scenario", "driving", "goals", "planner")
+"""Of the settings, what an environment heeds."""
+
+
+def compose(preset: str, trap: str, given: Mapping[str, Any]) -> Settings:
+    """The settings with what was given replaced.
+
+    Args:
+        preset: a training preset; it says over which starts episodes vary.
+        trap: a scenario preset.
+        given: values by setting. A setting may be named in full (``"scenario.trap_speed"``), by
+            its last word where only one ends so (``trap_speed``), or within a mapping named like
+            its section (``scenario={"trap_speed": 10.9}``).
+
+    Raises:
+        SettingsError: a name is unknown, or means several settings, or is given twice; or a value
+            has the wrong type, is out of range or contradicts another.
+    """
+    known = [name for name in config.kinds() if name.partition(".")[0] in SECTIONS]
+    flags: dict[str, object] = {}
+    for name, value in _flat(given):
+        setting = _resolve(name, known)
+        if setting in flags:
+            raise SettingsError(f"{setting} is given twice")
+        flags[setting] = value
+    return config.compose(preset, trap, flags=flags)
+
+
+def _flat(given: Mapping[str, Any], prefix: str = "") -> list[tuple[str, object]]:
+    found: list[tuple[str, object]] = []
+    for key, value in given.items():
+        name = f"{prefix}{key}"
+        found += _flat(value, f"{name}.") if isinstance(value, Mapping) else [(name, value)]
+    return found
+
+
+def _resolve(name: str, known: list[str]) -> str:
+    """The full name of a setting."""
+    if name in known:
+        return name
+    ending = [option for option in known if option.endswith(f".{name}")]
+    if len(ending) == 1:
+        return ending[0]
+    if ending:
+        raise SettingsError(f'"{name}" is the end of {", ".join(ending)}; write one of these')
+    hint = nearest(name, known) or "docs/settings.md lists all"
+    raise SettingsError(f'unknown setting "{name[:80]}"; {hint}')

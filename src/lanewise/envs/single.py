@@ -1,0 +1,174 @@
+"""The trap as Gymnasium environments, one world each.
+
+Start i after ``reset(seed=s)`` is start i of seed s: the same in every environment, vectorised or
+not, whatever happened before.
+"""
+
+from functools import partial
+from typing import Any
+
+import gymnasium
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.spaces import Box
+from jax import Array
+from jax.typing import ArrayLike
+from numpy.typing import NDArray
+
+from lanewise.envs import functional, rows, spaces
+from lanewise.envs.functional import State, Trap
+from lanewise.envs.starts import Starts
+from lanewise.scenario import trap
+
+Info = dict[str, Any]
+RENDER_MODES = ("rgb_array",)
+
+
+class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
+    """The trap with the nine low-level actions, two decisions a second: ``lanewise/Trap-v0``.
+
+    Observations are the 26 features of `lanewise.driving.observation`, float32. ``info`` holds
+    ``is_success`` (escaped, and no accident), ``accident`` (0 none, 1 collision, 2 off the road,
+    3 come to a stop), ``speed`` (m/s), ``timestep_reward`` (the paper's sum: one reward a second),
+    and which start it was: ``seed`` and ``start``.
+    """
+
+    metadata = {"render_modes": list(RENDER_MODES), "render_fps": 2}  # noqa: RUF012
+    actions = "low-level"
+    """As of `functional.make`."""
+
+    def __init__(self, *, render_mode: str | None = None, **settings: Any) -> None:
+        """An environment to be reset.
+
+        Args:
+            render_mode: None, or ``rgb_array`` for pictures by `render`.
+            settings: as of `lanewise.envs.functional.make`.
+
+        Raises:
+            SettingsError: a name or a value is wrong.
+        """
+        self.task = functional.make(self.actions, **settings)
+        self.render_mode = render_mode
+        self.metadata = metadata(self.task)
+        self.action_space = spaces.of_actions(self.task)
+        self.observation_space = spaces.of_observations(self.task)
+        self._starts = Starts(1)
+        self._state: State | None = None
+        self._info: Info = {}
+        self._over = False
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], Info]:
+        """The next start, or the first of a seed.
+
+        Args:
+            seed: whose starts follow from now on; at first, without one, a random one's.
+            options: ``{"start": i}`` for start i of the seed.
+        """
+        super().reset(seed=seed)
+        self._starts.turn(np.array([True]), seed, options)
+        observation, facts = rows.unpack(self._begin(*self._starts.first))
+        self._over = False
+        self._info = info(facts, self._starts)
+        return observation, self._info
+
+    def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, Info]:
+        """One step.
+
+        Raises:
+            ResetNeeded: there is no episode under way.
+            ValueError: there is no such action.
+        """
+        if self._state is None or self._over:
+            raise ResetNeeded("the episode is over: call reset() before step()")
+        observation, facts = rows.unpack(self._decide(checked(self.action_space, action)))
+        self._info = info(facts, self._starts)
+        terminated, truncated = bool(facts["terminated"]), bool(facts["truncated"])
+        self._over = terminated or truncated
+        return observation, float(facts["reward"]), terminated, truncated, self._info
+
+    def render(self) -> Any:
+        """The road from above, uint8 [240, 960, 3]; None without a render mode."""
+        if self.render_mode is None:
+            return None
+        if self._state is None:
+            raise ResetNeeded("nothing to render: call reset() first")
+        from lanewise.envs import rendering
+
+        return rendering.picture(
+            self.task,
+            self._state,
+            success=bool(self._info["is_success"]),
+            accident=int(self._info["accident"]),
+        )
+
+    def _begin(self, seed: int, index: int) -> Any:
+        """Start ``index`` of a seed; its row."""
+        self._state, row = _reset(self.task, jnp.uint32(seed), jnp.int32(index))
+        return row
+
+    def _decide(self, action: NDArray[Any]) -> Any:
+        """One step; its row."""
+        self._state, row = _step(self.task, self._state, action)
+        return row
+
+
+class TrapGoalEnv(TrapEnv):
+    """The trap with goals as actions, planner and goal critic beneath: ``lanewise/TrapGoal-v0``.
+
+    A step lasts until the goal critic ends the goal; its reward is the sum over its decisions.
+    """
+
+    actions = "goal"
+
+
+class TrapContinuousEnv(TrapEnv):
+    """The trap with acceleration and steering as actions: ``lanewise/TrapContinuous-v0``.
+
+    Both from -1 to 1, as shares of ``driving.actions.acceleration`` and
+    ``driving.actions.steering`` (positive to the right).
+    """
+
+    actions = "continuous"
+
+
+def metadata(task: Trap) -> dict[str, Any]:
+    """Render modes, and frames a second at which a video runs in real time."""
+    return {"render_modes": list(RENDER_MODES), "render_fps": task.rules.driving.decision_frequency}
+
+
+def info(facts: dict[str, NDArray[Any]], starts: Starts) -> Info:
+    """Of one environment, in plain types."""
+    found = {name: facts[name].item() for name in rows.INFO}
+    seed, start = starts.first
+    return found | {"seed": seed, "start": start}
+
+
+def checked(space: gymnasium.Space[Any], action: Any) -> NDArray[Any]:
+    """An action as compiled functions take it.
+
+    Raises:
+        ValueError: it is not in the space. JAX would take the nearest without a word.
+    """
+    continuous = isinstance(space, Box)
+    given = np.asarray(action, np.float32 if continuous else None)
+    if given.shape != space.shape or not space.contains(given if continuous else given[()]):
+        raise ValueError(f"action must be in {space}, got {action!r}")
+    return given if continuous else given.astype(np.int32)
+
+
+@partial(jax.jit, static_argnums=0)
+def _reset(task: Trap, seed: Array, index: Array) -> tuple[State, Array]:
+    """(state, row)."""
+    state, shown = functional.reset(task, trap.start_key(seed, task.split, index))
+    return state, rows.pack(shown)
+
+
+@partial(jax.jit, static_argnums=0, donate_argnums=1)
+def _step(task: Trap, state: State, action: ArrayLike) -> tuple[State, Array]:
+    """(state, row)."""
+    state, shown = functional.step(task, state, action)
+    return state, rows.pack(shown)

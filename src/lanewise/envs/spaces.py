@@ -1,0 +1,35 @@
+"""The spaces of actions and observations."""
+
+from typing import Any
+
+import jax
+import numpy as np
+from gymnasium.spaces import Box, Discrete, Space
+from numpy.typing import NDArray
+
+from lanewise.controllers import goals
+from lanewise.driving import actions, observation
+from lanewise.driving.parts import OURS
+from lanewise.envs import functional
+from lanewise.envs.control import Goals, LowLevel
+from lanewise.envs.functional import Trap
+
+
+def of_actions(task: Trap) -> Discrete | Box:
+    """What `functional.step` takes."""
+    if isinstance(task.control, LowLevel):
+        return Discrete(actions.COUNT)
+    if isinstance(task.control, Goals):
+        return Discrete(goals.action_count(task.control.goals))
+    return Box(-1.0, 1.0, (2,), np.float32)
+
+
+def of_observations(task: Trap) -> Space[NDArray[np.float32]]:
+    """What `functional.step` shows; without limits where a user's own function observes."""
+    limit = np.inf
+    if task.rules.parts.observe is OURS.observe:
+        fine = task.rules.driving.observation.scaling == "fine"
+        limit = observation.FINE_LIMIT if fine else 1.0
+    _, shown = jax.eval_shape(lambda key: functional.reset(task, key), jax.random.key(0))
+    box: Any = Box(-limit, limit, shown.observation.shape, np.float32)
+    return box  # type: ignore[no-any-return]

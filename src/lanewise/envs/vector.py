@@ -1,0 +1,304 @@
+"""Thousands of traps as one Gymnasium vector environment: one compiled call a step.
+
+Environment i is the single environment reset with ``seed + i``, step by step, in each of
+Gymnasium's three autoreset modes.
+"""
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from jax import Array
+from numpy.typing import NDArray
+
+from lanewise.driving import restart
+from lanewise.envs import functional, rows, single, spaces
+from lanewise.envs.functional import State, Trap
+from lanewise.envs.starts import Starts
+from lanewise.errors import SettingsError
+from lanewise.scenario import trap
+
+Booleans = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+Info = dict[str, Any]
+
+
+class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
+    """Many traps with the nine low-level actions: ``gymnasium.make_vec("lanewise/Trap-v0")``.
+
+    ``info`` holds arrays of what `TrapEnv` tells of one. With ``AutoresetMode.SAME_STEP`` the last
+    observations of episodes that ended are in ``final_obs``, their info in ``final_info``.
+    """
+
+    metadata = {"render_modes": list(single.RENDER_MODES), "render_fps": 2}  # noqa: RUF012
+    actions = "low-level"
+    """As of `functional.make`."""
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        render_mode: str | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        **settings: Any,
+    ) -> None:
+        """Environments to be reset.
+
+        Args:
+            num_envs: how many.
+            render_mode: None, or ``rgb_array`` for pictures by `render`.
+            autoreset_mode: when an environment whose episode ended restarts itself: with the next
+                step, which then heeds no action and pays nothing; in the same; or not at all.
+            settings: as of `lanewise.envs.functional.make`.
+
+        Raises:
+            SettingsError: a name or a value is wrong.
+        """
+        super().__init__()
+        if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
+            raise SettingsError(f"num_envs must be a whole number from 1 on, got {num_envs!r}")
+        self.task = functional.make(self.actions, **settings)
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.mode = AutoresetMode(autoreset_mode)
+        self.metadata = single.metadata(self.task) | {"autoreset_mode": self.mode}
+        self.single_action_space = spaces.of_actions(self.task)
+        self.single_observation_space = spaces.of_observations(self.task)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._starts = Starts(num_envs)
+        self._states: State | None = None
+        self._observations = np.zeros(self.observation_space.shape or (), np.float32)
+        self._info: Info = {}
+        self._over = np.zeros(num_envs, np.bool_)
+
+    def reset(
+        self, *, seed: Any = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], Info]:
+        """The next starts, or the first of seeds.
+
+        Args:
+            seed: environment i takes ``seed + i``, or its own of a list; None: the next starts.
+            options: ``{"reset_mask": bool [W]}`` to reset some only, ``{"start": i}`` for start i.
+        """
+        super().reset(seed=seed if isinstance(seed, int) else None)
+        others = dict(options or {})
+        which = self._mask(others.pop("reset_mask", None))
+        self._starts.turn(which, seed, others)
+        if self._states is None or which.all():
+            self._states, found = _reset(self.task, self._starts.seeds, self._starts.indices)
+        else:
+            self._states, found = _reset_some(
+                self.task, self._states, self._starts.seeds, self._starts.indices, which
+            )
+        observations, facts = rows.unpack(found)
+        self._observations[which] = observations[which]
+        self._over[which] = False
+        self._info = _info(facts, self._starts, which)
+        return self._observations.copy(), self._info
+
+    def step(self, actions: Any) -> tuple[NDArray[np.float32], Floats, Booleans, Booleans, Info]:
+        """One step of every environment.
+
+        Raises:
+            ResetNeeded: there was no reset, or, without autoreset, an episode is over.
+            ValueError: an action does not exist.
+        """
+        if self._states is None or (self.mode is AutoresetMode.DISABLED and self._over.any()):
+            raise ResetNeeded(
+                "an episode is over: call reset() before step(), or "
+                'reset(options={"reset_mask": ...}) for some of the environments'
+            )
+        given = self._checked(actions)
+        seeds, following = self._starts.seeds, self._starts.indices + 1
+        restarts = {
+            AutoresetMode.NEXT_STEP: _step_or_restart,
+            AutoresetMode.SAME_STEP: _step_and_restart,
+            AutoresetMode.DISABLED: _step,
+        }
+        self._states, found, last = restarts[self.mode](
+            self.task, self._states, given, seeds, following, self._over
+        )
+        self._observations, facts = rows.unpack(found)
+        done = facts["terminated"] | facts["truncated"]
+        before = self._starts.copy()
+        if self.mode is AutoresetMode.NEXT_STEP:
+            self._starts.following(self._over)
+        elif self.mode is AutoresetMode.SAME_STEP:
+            self._starts.following(done)
+        everyone = np.ones(self.num_envs, np.bool_)
+        self._info = _info(facts, self._starts, everyone)
+        if self.mode is AutoresetMode.SAME_STEP and done.any():
+            self._info |= _final(last, before, done)
+        self._over = done
+        return (
+            self._observations.copy(),
+            facts["reward"],
+            facts["terminated"],
+            facts["truncated"],
+            self._info,
+        )
+
+    def render(self) -> Any:
+        """A picture of each environment, see `TrapEnv.render`; None without a render mode."""
+        if self.render_mode is None:
+            return None
+        if self._states is None:
+            raise ResetNeeded("nothing to render: call reset() first")
+        from lanewise.envs import rendering
+
+        states = jax.device_get(self._states)
+        return tuple(
+            rendering.picture(
+                self.task,
+                jax.tree.map(lambda leaf, place=place: leaf[place], states),
+                success=bool(self._info["is_success"][place]),
+                accident=int(self._info["accident"][place]),
+            )
+            for place in range(self.num_envs)
+        )
+
+    def _mask(self, given: Any) -> Booleans:
+        if given is None:
+            return np.ones(self.num_envs, np.bool_)
+        mask = np.asarray(given)
+        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
+            raise ValueError(f"reset_mask must be bool [{self.num_envs}] with at least one true")
+        return mask
+
+    def _checked(self, actions: Any) -> NDArray[Any]:
+        space = self.action_space
+        continuous = isinstance(space, Box)
+        given = np.asarray(actions, np.float32 if continuous else None)
+        single_space = self.single_action_space
+        if continuous:
+            fits = given.shape == space.shape and bool((np.abs(given) <= 1.0).all())
+        else:
+            fits = given.shape == (self.num_envs,) and np.issubdtype(given.dtype, np.integer)
+            fits = fits and given.min() >= 0 and given.max() < single_space.n  # type: ignore[attr-defined]
+        if not fits:
+            raise ValueError(f"actions must be {self.num_envs} of {single_space}, got {actions!r}")
+        return given if continuous else given.astype(np.int32)
+
+
+class TrapGoalVectorEnv(TrapVectorEnv):
+    """Many traps with goals as actions, see `single.TrapGoalEnv`."""
+
+    actions = "goal"
+
+
+class TrapContinuousVectorEnv(TrapVectorEnv):
+    """Many traps with acceleration and steering as actions, see `single.TrapContinuousEnv`."""
+
+    actions = "continuous"
+
+
+def _info(facts: dict[str, Any], starts: Starts, which: Booleans) -> Info:
+    """As Gymnasium's vector environments tell it: arrays, and for each which of it counts."""
+    told = {name: facts[name] for name in rows.INFO}
+    told |= {"seed": starts.seeds.astype(np.int64), "start": starts.indices.astype(np.int64)}
+    found: Info = {}
+    for name, values in told.items():
+        found[name] = np.where(which, values, np.zeros_like(values))
+        found[f"_{name}"] = which.copy()
+    return found
+
+
+def _final(last: Array, starts: Starts, done: Booleans) -> Info:
+    """What the episodes that ended showed last."""
+    observations, facts = rows.unpack(last)
+    shown = np.full(len(done), None, object)
+    for place in np.flatnonzero(done):
+        shown[place] = observations[place]
+    return {
+        "final_obs": shown,
+        "_final_obs": done.copy(),
+        "final_info": _info(facts, starts, done),
+        "_final_info": done.copy(),
+    }
+
+
+def _fresh(task: Trap, seeds: Array, indices: Array) -> tuple[State, Array]:
+    """([W] states at these starts, [W, n + 7] rows)."""
+
+    def one(seed: Array, index: Array) -> tuple[State, Array]:
+        state, shown = functional.reset(task, trap.start_key(seed, task.split, index))
+        return state, rows.pack(shown)
+
+    found: tuple[State, Array] = jax.vmap(one)(seeds, indices)
+    return found
+
+
+def _where(
+    task: Trap, which: Array, states: State, found: Array, seeds: Array, indices: Array
+) -> tuple[State, Array]:
+    """States and rows, fresh ones where ``which``."""
+    after: tuple[State, Array] = restart.where(
+        which, (states, found), lambda over: _fresh(task, seeds[over], indices[over])
+    )
+    return after
+
+
+def _stepped(task: Trap, states: State, actions: Array) -> tuple[State, Array]:
+    """Every environment one step further."""
+
+    def one(state: State, action: Array) -> tuple[State, Array]:
+        state, shown = functional.step(task, state, action)
+        return state, rows.pack(shown)
+
+    found: tuple[State, Array] = jax.vmap(one)(states, actions)
+    return found
+
+
+@partial(jax.jit, static_argnums=0)
+def _reset(task: Trap, seeds: Array, indices: Array) -> tuple[State, Array]:
+    return _fresh(task, seeds, indices)
+
+
+@partial(jax.jit, static_argnums=0, donate_argnums=1)
+def _reset_some(
+    task: Trap, states: State, seeds: Array, indices: Array, which: Array
+) -> tuple[State, Array]:
+    size = jax.eval_shape(partial(_fresh, task), seeds, indices)[1]
+    return _where(task, which, states, jnp.zeros(size.shape, size.dtype), seeds, indices)
+
+
+Stepped = tuple[State, Array, Array]
+"""(states, rows to be shown, rows of the step itself)."""
+
+
+@partial(jax.jit, static_argnums=0, donate_argnums=1)
+def _step(
+    task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
+) -> Stepped:
+    """No restarts."""
+    states, found = _stepped(task, states, actions)
+    return states, found, found
+
+
+@partial(jax.jit, static_argnums=0, donate_argnums=1)
+def _step_or_restart(
+    task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
+) -> Stepped:
+    """Restarts where the episode was over before the step."""
+    states, found = _stepped(task, states, actions)
+    states, shown = _where(task, over, states, found, seeds, following)
+    return states, shown, found
+
+
+@partial(jax.jit, static_argnums=0, donate_argnums=1)
+def _step_and_restart(
+    task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
+) -> Stepped:
+    """Restarts where the step ended the episode; its reward and its ending are still told."""
+    states, found = _stepped(task, states, actions)
+    told = slice(-len(rows.FACTS), len(rows.INFO) * -1)
+    ended = found[:, told][:, 1:].any(axis=1)
+    states, shown = _where(task, ended, states, found, seeds, following)
+    return states, shown.at[:, told].set(found[:, told]), found

@@ -1,0 +1,65 @@
+"""Makes the environments known to Gymnasium, whichever of the two is imported first."""
+
+import importlib.util
+import sys
+from collections.abc import Sequence
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+
+ENVIRONMENTS = {
+    "lanewise/Trap-v0": ("lanewise.envs.single:TrapEnv", "lanewise.envs.vector:TrapVectorEnv"),
+    "lanewise/TrapGoal-v0": (
+        "lanewise.envs.single:TrapGoalEnv",
+        "lanewise.envs.vector:TrapGoalVectorEnv",
+    ),
+    "lanewise/TrapContinuous-v0": (
+        "lanewise.envs.single:TrapContinuousEnv",
+        "lanewise.envs.vector:TrapContinuousVectorEnv",
+    ),
+    "lanewise/TrapHighwayEnv-v0": ("lanewise.envs.highway_env:TrapHighwayEnv", None),
+}
+"""By id, where one environment and many of them are made."""
+
+
+def register() -> None:
+    """Register the environments; called once more, it does nothing."""
+    from gymnasium.envs.registration import register as add
+    from gymnasium.envs.registration import registry
+
+    for name, (one, many) in ENVIRONMENTS.items():
+        if name not in registry:
+            add(name, entry_point=one, vector_entry_point=many)
+
+
+def with_gymnasium() -> None:
+    """Register now if Gymnasium is imported already, else as soon as it is.
+
+    Gymnasium itself is not imported: it would double the time that ``lanewise --help`` takes.
+    """
+    if "gymnasium" in sys.modules:
+        register()
+    else:
+        sys.meta_path.insert(0, _Watch())
+
+
+class _Watch(MetaPathFinder):
+    """Sees Gymnasium being imported, once; finding it is left to the others."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if fullname != "gymnasium":
+            return None
+        sys.meta_path.remove(self)
+        spec = importlib.util.find_spec(fullname)
+        if spec is None or spec.loader is None:
+            return spec
+        execute = spec.loader.exec_module
+
+        def execute_and_register(module: ModuleType) -> None:
+            execute(module)
+            register()
+
+        spec.loader.exec_module = execute_and_register  # type: ignore[method-assign]
+        return spec

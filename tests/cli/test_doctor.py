@@ -1,0 +1,57 @@
+"""What is installed and what is missing, told with one line of advice each."""
+
+import json
+
+import pytest
+
+from lanewise.cli import main
+from lanewise.report import installation
+
+
+def test_all_is_well(capsys):
+    assert main(["doctor"]) == 0
+    said = capsys.readouterr().out
+    assert "jax" in said
+    assert "highway-env 1.12.1" in said
+    assert "broken" not in said
+    assert all(len(line) < 200 for line in said.splitlines())
+
+
+def test_for_programs(capsys):
+    assert main(["doctor", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["machine"]["backend"] in ("cpu", "gpu")
+    by_feature = {one["feature"]: one for one in found["features"]}
+    assert by_feature["training, tests, environments"]["packages"]["optax"]
+
+
+def test_what_is_missing(monkeypatch, capsys):
+    def version(name):
+        if name == "matplotlib":
+            raise installation.PackageNotFoundError(name)
+        return "1.0"
+
+    monkeypatch.setattr(installation, "version", version)
+    assert main(["doctor"]) == 1  # highway-env 1.0 is another than ours speaks of
+    said = capsys.readouterr().out
+    assert 'pip install "lanewise[report]" brings matplotlib' in said
+    assert "highway-env 1.12.1 is needed, 1.0 is here" in said
+
+
+@pytest.mark.parametrize("here", [False, True])
+def test_a_gpu_that_jax_does_not_use(monkeypatch, here):
+    monkeypatch.setattr(installation.shutil, "which", lambda name: "nvidia-smi" if here else None)
+    *_, gpu = installation.examine()
+    if gpu.status != "ok":
+        assert ("lanewise[cuda13]" in gpu.advice) == here
+
+
+def test_a_package_that_does_not_import(monkeypatch):
+    def broken(name):
+        raise OSError("libpng.so: cannot open")
+
+    monkeypatch.setattr(installation, "import_module", broken)
+    found = {one.feature: one for one in installation.examine()}
+    report = found["pictures, clips, report pages"]
+    assert report.status == "broken"
+    assert "does not import (libpng.so: cannot open)" in report.advice

@@ -1,0 +1,97 @@
+"""The pure functions: vmap and scan ready, and equal to the environments made of them."""
+
+from dataclasses import replace
+from functools import partial
+
+import gymnasium
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from lanewise.driving.parts import Parts
+from lanewise.envs import functional
+from lanewise.errors import SettingsError
+from lanewise.scenario import trap
+
+TASK = functional.make(duration=6.0)
+
+
+def test_the_same_as_the_environment():
+    env = gymnasium.make("lanewise/Trap-v0", duration=6.0)
+    seen, _ = env.reset(seed=3)
+    state, shown = functional.reset(TASK, trap.start_key(3, "training", 0))
+    assert np.array_equal(seen, shown.observation)
+    for action in (4, 7, 7, 5, 3, 4):
+        seen, reward, terminated, truncated, info = env.step(action)
+        state, shown = functional.step(TASK, state, jnp.int32(action))
+        assert np.allclose(seen, shown.observation, atol=1e-6)
+        assert reward == pytest.approx(float(shown.reward), abs=1e-6)
+        assert (terminated, truncated) == (bool(shown.terminated), bool(shown.truncated))
+        assert info["timestep_reward"] == pytest.approx(float(shown.timestep_reward), abs=1e-6)
+
+
+def test_a_whole_loop_in_one_compiled_call():
+    worlds = 5
+
+    def decide(carry, key):
+        states, _ = carry
+        choice, fresh = jax.random.split(key)
+        actions = jax.random.randint(choice, (worlds,), 0, 9)
+        states, steps = jax.vmap(partial(functional.step, TASK))(states, actions)
+        done = steps.terminated | steps.truncated
+        states, seen = functional.restarted(TASK, states, steps, jax.random.split(fresh, worlds))
+        return (states, seen), (done, steps.observation, seen, states.episode.decisions)
+
+    @jax.jit
+    def loop(key):
+        begun = jax.vmap(partial(functional.reset, TASK))(jax.random.split(key, worlds))
+        carry = (begun[0], begun[1].observation)
+        return jax.lax.scan(decide, carry, jax.random.split(key, 60))[1]
+
+    done, last, seen, decisions = jax.device_get(loop(jax.random.key(0)))
+    assert done.any()
+    assert not done.all()
+    assert np.array_equal(last[~done], seen[~done])
+    assert (seen[done][:, 1] == 0.0).all()  # a fresh ego stands at x = 0
+    assert (decisions[done] == 0).all()
+    assert (decisions[~done] > 0).all()
+
+
+def fast(settings, world, steering, accident):
+    return jnp.where(accident, -1.0, world.vehicles.speed[0] / 10.0)
+
+
+def lanes_and_speed(settings, world):
+    return jnp.stack([world.vehicles.y[0] / 4.0, world.vehicles.speed[0]])
+
+
+def in_the_right_lane(world):
+    return world.vehicles.y[0] > 7.0
+
+
+def with_a_faster_trap(scenario, key, split):
+    world = trap.sample(scenario, key, split)
+    speed = world.vehicles.speed.at[jnp.array([1, 2])].set(14.0)
+    return replace(world, vehicles=replace(world.vehicles, speed=speed))
+
+
+def test_parts_of_the_user_s_own():
+    parts = Parts(with_a_faster_trap, lanes_and_speed, fast, in_the_right_lane)
+    env = gymnasium.make("lanewise/Trap-v0", parts=parts)
+    assert env.observation_space.shape == (2,)
+    seen, _ = env.reset(seed=0)
+    assert seen.tolist() == [0.0, 10.0]
+    seen, reward, *_, info = env.step(4)
+    assert reward == pytest.approx(1.0)
+    assert not info["is_success"]
+    many = gymnasium.make_vec("lanewise/Trap-v0", 3, parts=parts)
+    assert many.reset(seed=0)[0].shape == (3, 2)
+    for _ in range(5):
+        _, reward, *_ = many.step([4, 4, 4])
+    assert np.allclose(reward, 1.0)  # nobody is in the way
+
+
+def test_mistakes():
+    with pytest.raises(SettingsError, match="did you mean low-level"):
+        functional.make("low-levl")

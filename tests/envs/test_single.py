@@ -1,0 +1,176 @@
+"""Environments of one world: what Gymnasium asks of them, seeds, endings, pictures."""
+
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from gymnasium.utils.env_checker import check_env
+
+from lanewise.driving import observation
+from lanewise.envs import keywords
+from lanewise.errors import LanewiseError, SettingsError
+from lanewise.registration import ENVIRONMENTS
+
+IDLE, FASTER = 4, 7
+FASTER_BY_ID = {
+    "lanewise/TrapGoal-v0": 5,
+    "lanewise/TrapContinuous-v0": np.array([1.0, 0.0], np.float32),
+}
+"""The action that accelerates, where it is not `FASTER`."""
+
+
+@pytest.fixture(scope="module", params=ENVIRONMENTS)
+def env(request):
+    made = gymnasium.make(f"lanewise:{request.param}", render_mode="rgb_array")
+    yield made
+    made.close()
+
+
+def drive(env, actions, **reset):
+    """Everything that steps return, until the episode's end."""
+    found = [env.reset(**reset)]
+    for action in actions:
+        found.append(env.step(action))
+        if found[-1][2] or found[-1][3]:
+            break
+    return found
+
+
+def same(ours, theirs):
+    """Bit for bit."""
+    return len(ours) == len(theirs) and all(
+        np.array_equal(one[0], other[0]) and one[1:] == other[1:]
+        for one, other in zip(ours, theirs, strict=True)
+    )
+
+
+def test_gymnasium_has_nothing_to_say(env):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env.unwrapped)
+
+
+def test_a_seed_gives_the_same_episodes_whatever_happened_before(env):
+    env.action_space.seed(3)
+    actions = [env.action_space.sample() for _ in range(60)]
+    first, second = drive(env, actions, seed=7), drive(env, actions)
+    drive(env, actions, seed=8)
+    again = drive(env, actions, seed=7)
+    assert same(again, first)
+    assert same(drive(env, actions), second)
+    assert not np.array_equal(first[0][0], second[0][0])
+    assert not np.array_equal(first[0][0], env.reset(seed=9)[0])
+    chosen = drive(env, actions, seed=7, options={"start": 1})
+    assert same(chosen, second)
+
+
+def test_an_episode_that_is_over_wants_a_reset(env):
+    faster = FASTER_BY_ID.get(env.spec.id, FASTER)
+    last = drive(env, [faster] * 60, seed=1)[-1]
+    assert last[2]  # into the car ahead
+    assert not last[3]
+    assert last[4]["accident"] == 1
+    assert not last[4]["is_success"]
+    assert last[1] < 0
+    with pytest.raises(ResetNeeded, match="call reset"):
+        env.step(faster)
+    env.reset()
+    with pytest.raises(ValueError, match="action must be in"):
+        env.step(99)
+
+
+def test_time_runs_out_without_an_accident():
+    env = gymnasium.make("lanewise/Trap-v0", duration=1.5)
+    found = drive(env, [IDLE] * 9, seed=0)
+    assert len(found) == 1 + 3
+    assert found[-1][2:4] == (False, True)
+    assert found[-1][4]["timestep_reward"] == pytest.approx(found[2][1])
+
+
+def test_pictures_are_drawn_without_a_window(env):
+    env.reset(seed=0)
+    picture = env.render()
+    assert picture.shape == (240, 960, 3)
+    assert picture.dtype == np.uint8
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20
+    assert env.metadata["render_fps"] == 2
+
+
+def test_a_goal_lasts_until_the_critic_ends_it():
+    low, high = gymnasium.make("lanewise/Trap-v0"), gymnasium.make("lanewise/TrapGoal-v0")
+    assert high.action_space.n == 9
+    high.reset(seed=2)
+    low.reset(seed=2)
+    seen, reward, terminated, truncated, _ = high.step(4)  # go on: reached with the first decision
+    ours = low.step(IDLE)
+    assert np.array_equal(seen, ours[0])
+    assert (reward, terminated, truncated) == ours[1:4]
+
+
+def test_full_commands_are_the_low_level_actions():
+    low = gymnasium.make("lanewise/Trap-v0")
+    free = gymnasium.make("lanewise/TrapContinuous-v0")
+    for action, command in ((0, (-1, -1)), (5, (0, 1)), (7, (1, 0))):
+        low.reset(seed=2)
+        free.reset(seed=2)
+        ours, theirs = low.step(action), free.step(np.array(command, np.float32))
+        assert np.allclose(ours[0], theirs[0], atol=1e-6)
+        assert ours[1] == pytest.approx(theirs[1], abs=1e-6)
+
+
+def test_highway_env_gives_the_same_episode():
+    actions = [4, 4, 7, 4, 5, 3, 4, 4, 1, 4, 4]
+    ours = drive(gymnasium.make("lanewise/Trap-v0"), actions, seed=5)
+    theirs = drive(gymnasium.make("lanewise/TrapHighwayEnv-v0"), actions, seed=5)
+    assert len(ours) == len(theirs)
+    for one, other in zip(ours[1:], theirs[1:], strict=True):
+        assert np.allclose(one[0], other[0], atol=1e-4)
+        assert one[1] == pytest.approx(other[1], abs=1e-3)
+        assert one[2:4] == other[2:4]
+
+
+def test_settings_by_keyword():
+    env = gymnasium.make("lanewise/Trap-v0", trap_speed=9.0, scenario={"ego_speed": 14.0})
+    seen, _ = env.reset(seed=0)
+    assert seen[3] * 15.0 == pytest.approx(14.0)
+    assert seen[observation.LANE_OFFSET + 4] * 5.0 == pytest.approx(9.0 - 14.0)
+    task = gymnasium.make("lanewise/Trap-v0", **{"scenario.traffic.spacing": 30.0}).unwrapped.task
+    assert task.scenario.traffic.spacing == 30.0
+    limits = gymnasium.make("lanewise/Trap-v0", scaling="highway-env").observation_space
+    assert limits.high.max() == 1.0
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"trap_sped": 9.0}, "did you mean scenario.trap_speed"),
+        ({"scenario": {"lane": 4}}, "unknown setting"),
+        ({"trap_speed": -1.0}, "must be between"),
+        ({"trap_speed": 9.0, "scenario.trap_speed": 9.0}, "given twice"),
+        ({"split": "train"}, "did you mean training"),
+        ({"duration": 0}, "duration must be"),
+        ({"trap": "trap-11"}, "did you mean trap-10"),
+    ],
+)
+def test_misspelt_settings_are_refused(given, said):
+    with pytest.raises(SettingsError, match=said):
+        gymnasium.make("lanewise/Trap-v0", **given)
+
+
+def test_every_setting_has_a_full_name():
+    assert keywords.compose("quick", "trap-10", {}).scenario.trap_speed == 10.0
+
+
+def test_options_and_seeds_that_make_no_sense(env):
+    with pytest.raises(LanewiseError, match="unknown option 'stat'"):
+        env.unwrapped.reset(options={"stat": 1})
+    with pytest.raises(LanewiseError, match="whole number from 0"):
+        env.unwrapped.reset(options={"start": -1})
+
+
+def test_a_seed_of_32_bits_is_the_same_start_everywhere():
+    """A compiled start takes it as an unsigned number, `trap.start_key` as Python's."""
+    env = gymnasium.make("lanewise/Trap-v0")
+    assert not np.array_equal(env.reset(seed=2**32 - 1)[0], env.reset(seed=2**31 - 1)[0])

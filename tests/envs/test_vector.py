@@ -1,0 +1,126 @@
+"""Many worlds in one call: equal to a loop of single ones, in each autoreset mode."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+
+COUNT, STEPS, SEED = 6, 90, 11
+IDS = ("lanewise/Trap-v0", "lanewise/TrapGoal-v0", "lanewise/TrapContinuous-v0")
+
+
+def alike(ours, theirs, place=""):
+    """Equal: exactly where it is not rounded, else closely; nested infos too."""
+    if isinstance(theirs, dict):
+        assert ours.keys() == theirs.keys(), place
+        for name in theirs:
+            alike(ours[name], theirs[name], f"{place}.{name}")
+        return
+    assert np.shape(ours) == np.shape(theirs), place
+    if np.asarray(theirs).dtype == object:
+        for one, other in zip(ours, theirs, strict=True):
+            assert (one is None) == (other is None), place
+            if one is not None:
+                alike(one, other, place)
+    elif np.issubdtype(np.asarray(theirs).dtype, np.floating):
+        assert np.allclose(ours, theirs, atol=2e-5), (place, ours, theirs)
+    else:
+        assert np.array_equal(ours, theirs), (place, ours, theirs)
+
+
+@pytest.mark.parametrize("name", IDS)
+@pytest.mark.parametrize("mode", list(AutoresetMode), ids=lambda mode: mode.value)
+def test_equal_to_a_loop_of_single_ones(name, mode):
+    settings = {"duration": 8.0}
+    ours = gymnasium.make_vec(name, COUNT, autoreset_mode=mode, **settings)
+    theirs = SyncVectorEnv([lambda: gymnasium.make(name, **settings)] * COUNT, autoreset_mode=mode)
+    assert ours.observation_space == theirs.observation_space
+    assert ours.action_space == theirs.action_space
+    assert ours.metadata["autoreset_mode"] is theirs.metadata["autoreset_mode"] is mode
+    for ours_now, theirs_now in zip(ours.reset(seed=SEED), theirs.reset(seed=SEED), strict=True):
+        alike(ours_now, theirs_now)
+    ours.action_space.seed(1)
+    ended = 0
+    for _ in range(STEPS):
+        actions = ours.action_space.sample()
+        ours_now, theirs_now = ours.step(actions), theirs.step(actions)
+        for one, other in zip(ours_now, theirs_now, strict=True):
+            alike(one, other)
+        done = ours_now[2] | ours_now[3]
+        ended += done.sum()
+        if mode is AutoresetMode.DISABLED and done.any():
+            again = [each.reset(options={"reset_mask": done.copy()}) for each in (ours, theirs)]
+            alike(again[0][0], again[1][0])
+            alike({k: v[done] for k, v in again[0][1].items()}, _where(again[1][1], done))
+    assert ended > COUNT
+
+
+def _where(info, done):
+    return {name: values[done] for name, values in info.items()}
+
+
+def test_no_transition_crosses_an_episode():
+    """Of a buffer filled as learners fill it: the next observation is the episode's own."""
+    env = gymnasium.make_vec("lanewise/Trap-v0", 8, autoreset_mode=AutoresetMode.SAME_STEP)
+    seen, info = env.reset(seed=0)
+    env.action_space.seed(0)
+    buffer, starts = [], info["start"]
+    for _ in range(80):
+        actions = env.action_space.sample()
+        following, _, terminated, truncated, info = env.step(actions)
+        done = terminated | truncated
+        last = following.copy()
+        for place in np.flatnonzero(done):
+            last[place] = info["final_obs"][place]
+        buffer += [(seen[i], last[i], done[i], info["start"][i] - starts[i]) for i in range(8)]
+        seen, starts = following, info["start"]
+    # The ego's x never falls within an episode, and every new one begins at 0.
+    assert all(after[1] > before[1] for before, after, _, _ in buffer)
+    assert all(done == moved for _, _, done, moved in buffer)
+    assert any(done for _, _, done, _ in buffer)
+
+
+def test_gymnasium_s_wrappers():
+    env = RecordEpisodeStatistics(gymnasium.make_vec("lanewise/Trap-v0", 4))
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    for _ in range(60):
+        env.step(env.action_space.sample())
+    assert env.episode_count > 4
+    assert all(length <= 50 for length in env.length_queue)
+
+
+def test_many_at_once_and_twice_the_same():
+    env = gymnasium.make_vec("lanewise/Trap-v0", 1000)
+    first = env.reset(seed=4)[0]
+    actions = np.random.default_rng(0).integers(0, 9, (30, 1000))
+    one = [env.step(action)[0] for action in actions]
+    env.step(actions[0])
+    assert np.array_equal(first, env.reset(seed=4)[0])
+    two = [env.step(action)[0] for action in actions]
+    assert np.array_equal(one, two)
+
+
+def test_pictures():
+    env = gymnasium.make_vec("lanewise/Trap-v0", 2, render_mode="rgb_array")
+    env.reset(seed=0)
+    one, other = env.render()
+    assert one.shape == other.shape == (240, 960, 3)
+    assert not np.array_equal(one, other)
+
+
+def test_mistakes():
+    env = gymnasium.make_vec("lanewise/Trap-v0", 3, autoreset_mode="Disabled", duration=0.5)
+    with pytest.raises(ResetNeeded):
+        env.step([4, 4, 4])
+    env.reset(seed=[5, 6, 7])
+    for wrong in ([4, 4], [4, 4, 9], [0.5, 1.0, 2.0]):
+        with pytest.raises(ValueError, match="actions must be 3 of"):
+            env.step(wrong)
+    env.step([4, 4, 4])
+    with pytest.raises(ResetNeeded, match="reset_mask"):
+        env.step([4, 4, 4])
+    with pytest.raises(ValueError, match="at least one"):
+        env.reset(options={"reset_mask": np.zeros(3, bool)})
