@@ -11,8 +11,8 @@ CACHE = "JAX_COMPILATION_CACHE_DIR"
 def pytest_configure(config: pytest.Config) -> None:
     """Let all processes of a run keep compiled programs in one place, which ends with the run.
 
-    Many tests, and the commands they start, compile the same programs; half of the suite's time
-    would go into that. Whoever sets the variable keeps programs from run to run.
+    Tests in several files, and the commands they start, compile the same programs. Whoever sets the
+    variable keeps programs from run to run.
     """
     if CACHE not in os.environ:
         place = tempfile.TemporaryDirectory(prefix="lanewise-tests-")

@@ -30,8 +30,23 @@ def alike(ours, theirs, place=""):
         assert np.array_equal(ours, theirs), (place, ours, theirs)
 
 
-@pytest.mark.parametrize("name", IDS)
-@pytest.mark.parametrize("mode", list(AutoresetMode), ids=lambda mode: mode.value)
+QUICK = {("lanewise/TrapGoal-v0", "SameStep"), ("lanewise/TrapContinuous-v0", "NextStep")}
+"""Beside all modes of the first; the other pairs are slow tests."""
+
+
+@pytest.mark.parametrize(
+    ("name", "mode"),
+    [
+        pytest.param(
+            name,
+            mode,
+            id=f"{name.partition('/')[2]}-{mode.value}",
+            marks=() if name == IDS[0] or (name, mode.value) in QUICK else pytest.mark.slow,
+        )
+        for name in IDS
+        for mode in AutoresetMode
+    ],
+)
 def test_equal_to_a_loop_of_single_ones(name, mode):
     settings = {"duration": 8.0}
     ours = gymnasium.make_vec(name, COUNT, autoreset_mode=mode, **settings)
@@ -93,9 +108,9 @@ def test_gymnasium_s_wrappers():
 
 
 def test_many_at_once_and_twice_the_same():
-    env = gymnasium.make_vec("lanewise/Trap-v0", 1000)
+    env = gymnasium.make_vec("lanewise/Trap-v0", 100)
     first = env.reset(seed=4)[0]
-    actions = np.random.default_rng(0).integers(0, 9, (30, 1000))
+    actions = np.random.default_rng(0).integers(0, 9, (30, 100))
     one = [env.step(action)[0] for action in actions]
     env.step(actions[0])
     assert np.array_equal(first, env.reset(seed=4)[0])

@@ -60,6 +60,7 @@ def test_outcomes_are_identical(controller, expected, monkeypatch):
         assert ours.success.all()
 
 
+@pytest.mark.slow
 def test_the_rule_based_ego_drives_alike_in_both_worlds(monkeypatch):
     """Behind a gap wide enough to change lanes, so that it does more than follow."""
     monkeypatch.setattr(drive, "BLOCK", 4)

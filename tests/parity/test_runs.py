@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from parity_compare import compare_runs, default_env
 from parity_states import paper_traffic
 
@@ -13,6 +14,7 @@ def test_free_runs_of_paper_traffic():
     assert [result[0] for result in compare_runs(envs, worlds, actions)] == [50] * 10
 
 
+@pytest.mark.slow
 def test_free_runs_of_highway_env_default_traffic():
     rng = np.random.default_rng(2)
     envs = [default_env(seed) for seed in range(2)]

@@ -182,7 +182,17 @@ VARIANTS = [
 ]
 
 
-@pytest.mark.parametrize("variant", VARIANTS, ids=range(len(VARIANTS)))
+QUICK = (0, 2, 5, 7)
+"""Variants that together have every rule once; the others are slow tests."""
+
+
+@pytest.mark.parametrize(
+    "variant",
+    [
+        pytest.param(variant, id=str(number), marks=() if number in QUICK else pytest.mark.slow)
+        for number, variant in enumerate(VARIANTS)
+    ],
+)
 def test_transitions_are_those_of_the_plain_books(variant):
     course = course_of(**variant)
     parameters = {"q": parameters_of(course)}

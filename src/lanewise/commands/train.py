@@ -36,6 +36,9 @@ class Train:
     high_level: Path | None = None
     """A run whose finished step 1 is taken over: a hierarchical controller then trains step 2
     alone."""
+    tensorboard: bool = field(default=False, metadata={"switch": True})
+    """Also write TensorBoard's events, into the folder tensorboard of the run; a run that has some
+    goes on with them."""
     preset: Annotated[str, OneOf(tuple(PRESETS))] = "quick"
     """Training preset."""
     trap: Annotated[str, OneOf(tuple(TRAPS))] = "trap-10"
@@ -60,11 +63,15 @@ def run(parsed: Parsed[Train]) -> int:
 
             # Before the folder is made: a refused run leaves nothing behind.
             trained.check_lender(command.high_level, command.values)
+    if command.tensorboard:
+        from lanewise.runs import views
+
+        views.needed()
     with _folder(parsed) as folder:
         from lanewise.runs.train import train
 
         with Progress() as reporter:
-            train(folder, command.high_level, reporter)
+            train(folder, command.high_level, reporter, tensorboard=command.tensorboard)
         sys.stderr.write(f"finished: {folder.path}; lanewise evaluate {folder.path} tests it\n")
     return 0
 

@@ -5,6 +5,8 @@
     DIR/run.json          format, controller, seed, settings digest, versions; written last
     DIR/settings.toml     every setting
     DIR/metrics.jsonl     one JSON object a line, the same bytes however often it was resumed
+    DIR/*.csv             the same as tables
+    DIR/tensorboard/      the same as TensorBoard's events, if wanted
     DIR/timings.jsonl     wall-clock times, which do differ
     DIR/checkpoints/      what resuming needs
     DIR/stages/           what each finished stage hands on

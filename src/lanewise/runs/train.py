@@ -19,6 +19,7 @@ from lanewise.progress import Progress
 from lanewise.runs import checkpoint, trained, tree
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.metrics import MetricsWriter
+from lanewise.runs.views import Views
 from lanewise.training import host as stages
 from lanewise.training import recipe
 from lanewise.training import stage as stage_loop
@@ -39,6 +40,7 @@ class _Files:
     folder: RunFolder
     metrics: MetricsWriter
     timings: MetricsWriter
+    views: Views
 
 
 class _Interrupts:
@@ -68,13 +70,16 @@ class _Interrupts:
         self.asked = True
 
 
-def train(folder: RunFolder, high_level: Path | None, reporter: Progress) -> None:
+def train(
+    folder: RunFolder, high_level: Path | None, reporter: Progress, *, tensorboard: bool = False
+) -> None:
     """Train ``folder.controller`` to the end; continue where the folder's checkpoints stop.
 
     Args:
         folder: a locked run folder, new or stopped.
         high_level: a run whose step-1 result is taken over, or None.
         reporter: told how far the training is.
+        tensorboard: whether to write TensorBoard's events too.
 
     Raises:
         RunError: the run is finished already, or ``high_level`` is no finished step 1.
@@ -91,8 +96,9 @@ def train(folder: RunFolder, high_level: Path | None, reporter: Progress) -> Non
     with (
         MetricsWriter(folder.metrics, _metrics_bytes(folder, done, found)) as metrics,
         MetricsWriter(folder.timings, None) as timings,
+        Views(folder.path, tensorboard=tensorboard) as views,
     ):
-        files = _Files(folder, metrics, timings)
+        files = _Files(folder, metrics, timings, views)
         frozen: Parameters = {}
         for index, stage in enumerate(recipe.RECIPES[folder.controller]):
             if index >= len(done):
@@ -156,6 +162,7 @@ def _write(files: _Files, report: stages.Report, seconds: float) -> None:
     """A chunk's lines; wall-clock times go elsewhere, so that metrics can repeat to the byte."""
     for line in (*report.episodes, report.chunk):
         files.metrics.append(line)
+        files.views.append(line)
     chunk = report.chunk
     files.timings.append(
         {

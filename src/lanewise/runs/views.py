@@ -1,0 +1,147 @@
+"""A run's metrics where people look: tables for spreadsheets, and TensorBoard's events if wanted.
+
+Both are made of ``metrics.jsonl`` and hold nothing else: they are written anew when a run is
+continued, so that nothing of what a kill has undone stays in them.
+"""
+
+import csv
+import shutil
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Protocol, Self
+
+from lanewise.errors import LanewiseError
+from lanewise.runs import metrics
+
+LEVEL = ("updates", "transitions", "epsilon", "loss", "mean_q")
+COLUMNS = {
+    "episode": (
+        *("stage", "episode", "decision", "success", "accident"),
+        *("decisions", "reward", "timestep_reward", "speed"),
+    ),
+    "chunk": (
+        *("stage", "chunk", "decisions", "episodes", *LEVEL),
+        *("success_rate", "accident_rate", "reward", "timestep_reward", "speed"),
+        *("validation_success_rate", "validation_accident_rate", "validation_reward"),
+        *("best_chunk", *(f"high_level_{name}" for name in LEVEL)),
+    ),
+}
+"""Of the tables, by kind of record; empty where a record lacks one."""
+FILES = {"episode": "episodes.csv", "chunk": "chunks.csv"}
+TENSORBOARD = "tensorboard"
+"""Folder of TensorBoard's events, in the run's."""
+COUNTS = ("kind", "stage", "chunk")
+"""Fields of a chunk that are no curves."""
+
+
+class View(Protocol):
+    """Something that shows metrics as they come."""
+
+    def append(self, record: Mapping[str, Any]) -> None:
+        """Show one record."""
+
+    def close(self) -> None:
+        """Show no more."""
+
+
+class Views:
+    """All views of a run; to be used in a ``with`` block."""
+
+    def __init__(self, folder: Path, *, tensorboard: bool) -> None:
+        """Opens them and shows what is there.
+
+        Args:
+            folder: of the run, its metrics file cut to what is safely stored.
+            tensorboard: whether events are wanted; a run that has some goes on with them.
+
+        Raises:
+            LanewiseError: events are wanted and tensorboardX is not installed.
+        """
+        with ExitStack() as opened:
+            self._views: list[View] = []
+            for kind in FILES:
+                self._views.append(Table(folder, kind))
+                opened.callback(self._views[-1].close)
+            if tensorboard or (folder / TENSORBOARD).exists():
+                self._views.append(Events(folder / TENSORBOARD))
+                opened.callback(self._views[-1].close)
+            for record in metrics.read(folder / "metrics.jsonl"):
+                self.append(record)
+            self._close = opened.pop_all()
+
+    def append(self, record: Mapping[str, Any]) -> None:
+        """Show one record everywhere."""
+        for view in self._views:
+            view.append(record)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._close.close()
+
+
+class Table:
+    """The records of one kind as comma-separated values."""
+
+    def __init__(self, folder: Path, kind: str) -> None:
+        self._kind = kind
+        self._file: IO[str] = (folder / FILES[kind]).open("w", encoding="utf-8", newline="")
+        self._rows = csv.DictWriter(self._file, COLUMNS[kind], lineterminator="\n")
+        self._rows.writeheader()
+
+    def append(self, record: Mapping[str, Any]) -> None:
+        """One row, of a record of the table's kind."""
+        if record["kind"] != self._kind:
+            return
+        self._rows.writerow({name: value for name, value in record.items() if name != "kind"})
+        if self._kind == "chunk":
+            self._file.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+class Events:
+    """Chunks as TensorBoard's scalars, by stage, over decisions."""
+
+    def __init__(self, folder: Path) -> None:
+        writer = needed()
+        shutil.rmtree(folder, ignore_errors=True)
+        self._writer = writer(str(folder))
+
+    def append(self, record: Mapping[str, Any]) -> None:
+        """The figures of a chunk."""
+        if record["kind"] != "chunk":
+            return
+        for name, value in record.items():
+            if name not in COUNTS and value is not None:
+                self._writer.add_scalar(f"{record['stage']}/{name}", value, record["decisions"])
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._writer.close()
+
+
+def needed() -> Any:
+    """TensorboardX's writer.
+
+    Raises:
+        LanewiseError: it is not installed.
+    """
+    try:
+        from tensorboardX import SummaryWriter
+    except ImportError as error:
+        raise LanewiseError(
+            'TensorBoard needs tensorboardX: pip install "lanewise[tensorboard]"'
+        ) from error
+    return SummaryWriter
