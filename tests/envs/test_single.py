@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import RecordEpisodeStatistics, RecordVideo
+from imageio_ffmpeg import count_frames_and_secs
 
 from lanewise.driving import observation
 from lanewise.envs import keywords
@@ -96,6 +98,16 @@ def test_pictures_are_drawn_without_a_window(env):
     assert picture.dtype == np.uint8
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20
     assert env.metadata["render_fps"] == 2
+
+
+def test_a_video_runs_in_real_time(tmp_path):
+    env = gymnasium.make("lanewise/Trap-v0", render_mode="rgb_array", duration=2.0)
+    env = RecordEpisodeStatistics(RecordVideo(env, str(tmp_path), disable_logger=True))
+    info = drive(env, [IDLE] * 9, seed=0)[-1][4]
+    env.close()
+    assert info["episode"]["l"] == 4
+    frames, seconds = count_frames_and_secs(str(tmp_path / "rl-video-episode-0.mp4"))
+    assert (frames, seconds) == (5, pytest.approx(2.5))
 
 
 def test_a_goal_lasts_until_the_critic_ends_it():
