@@ -1,4 +1,4 @@
-"""What all tests share: programs compiled by one test are found by the others."""
+"""What all tests share: programs that one test has compiled are found by the next."""
 
 import os
 import tempfile
@@ -9,12 +9,13 @@ CACHE = "JAX_COMPILATION_CACHE_DIR"
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let all processes of a run keep compiled programs in one place, which ends with the run.
+    """Let each process of a run, and the commands it starts, keep compiled programs till its end.
 
-    Tests in several files, and the commands they start, compile the same programs. Whoever sets the
-    variable keeps programs from run to run.
+    One place for all processes would not do: JAX reads what another has not written to its end.
+    Whoever sets the variable keeps programs from run to run.
     """
-    if CACHE not in os.environ:
+    runs_tests = hasattr(config, "workerinput") or not config.getoption("numprocesses", None)
+    if runs_tests and CACHE not in os.environ:
         place = tempfile.TemporaryDirectory(prefix="lanewise-tests-")
         os.environ[CACHE] = place.name
         config.add_cleanup(place.cleanup)

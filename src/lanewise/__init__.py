@@ -6,9 +6,9 @@ from lanewise import registration
 from lanewise.version import __version__
 
 if TYPE_CHECKING:
-    from lanewise.api import Evaluation, Parts, evaluate
+    from lanewise.api import Evaluation, Parts, evaluate, train
 
-__all__ = ["Evaluation", "Parts", "__version__", "evaluate"]
+__all__ = ["Evaluation", "Parts", "__version__", "evaluate", "train"]
 
 registration.with_gymnasium()
 

@@ -1,7 +1,7 @@
-"""What ``import lanewise`` offers to programs: anyone's policy through the paper's protocol."""
+"""What ``import lanewise`` offers: train with parts of one's own, test anyone's policy."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -9,8 +9,8 @@ from typing import Any
 from lanewise import interop
 from lanewise.controllers.planned import Planned
 from lanewise.controllers.single_level import SingleLevel
-from lanewise.driving.parts import Parts
-from lanewise.envs import functional
+from lanewise.driving.parts import OURS, Parts
+from lanewise.envs import functional, keywords
 from lanewise.envs.control import Goals
 from lanewise.errors import LanewiseError, SettingsError
 from lanewise.evaluation import metrics, outside, policies
@@ -22,10 +22,13 @@ from lanewise.experiments import testing
 from lanewise.names import look_up
 from lanewise.progress import Progress
 from lanewise.report import files, table
-from lanewise.runs import trained
+from lanewise.runs import train as training
+from lanewise.runs import trained, views
+from lanewise.runs.folder import CONTROLLERS, RunFolder
 from lanewise.runs.trained import Trained
+from lanewise.settings import Settings
 
-__all__ = ["Evaluation", "Parts", "evaluate"]
+__all__ = ["Evaluation", "Parts", "evaluate", "train"]
 
 WORLDS = ("lanewise", "highway-env")
 
@@ -76,6 +79,54 @@ class Evaluation:
         files.write_csv(place.with_suffix(".csv"), self.episodes)
 
 
+def train(
+    out: Path | str,
+    controller: str = "hierarchical",
+    *,
+    seed: int = 0,
+    preset: str = "quick",
+    trap: str = "trap-10",
+    parts: Parts = OURS,
+    resume: bool = False,
+    tensorboard: bool = False,
+    **settings: Any,
+) -> Path:
+    """Train a controller into a run folder, as ``lanewise train`` does, with parts of one's own.
+
+    Args:
+        out: the run folder: new or empty, or a stopped run together with ``resume``.
+        controller: ``hierarchical``, ``single-level``, ``planned`` or ``h-dqn``.
+        seed: of everything random.
+        preset: a training preset.
+        trap: a scenario preset.
+        parts: functions of the user's own for start, observation, reward and success. The run
+            remembers their names; `evaluate` and ``resume`` want the same ones.
+        resume: continue the run in the folder, to the same bits as if it had never stopped; it
+            brings its own settings and seed.
+        tensorboard: also write TensorBoard's events.
+        settings: any setting, named as for `lanewise.envs.functional.make`.
+
+    Returns:
+        The run folder, to be given to `evaluate`.
+
+    Raises:
+        LanewiseError: an argument makes no sense, or the folder holds something else.
+    """
+    path = Path(out)
+    look_up("controller", controller, dict.fromkeys(CONTROLLERS))
+    if tensorboard:
+        views.needed()
+    if resume:
+        folder = RunFolder.resume(path, None, controller)
+    else:
+        sections = [part.name for part in fields(Settings)]
+        composed = keywords.compose(preset, trap, settings, sections)
+        folder = RunFolder.create(path, composed, controller, seed, parts.names())
+    with folder, Progress() as reporter:
+        training.train(folder, None, reporter, tensorboard=tensorboard, parts=parts)
+    return path
+
+
 def evaluate(
     policy: Any,
     *,
@@ -104,7 +155,8 @@ def evaluate(
         seed: of the starts.
         batched: whether a function takes batches; None finds out.
         settings: as of `lanewise.envs.functional.make`, such as ``duration``, ``parts`` and any
-            setting of scenario and driving; a controller of ours brings its own.
+            setting of scenario and driving; a controller of ours brings its own settings, and
+            wants the ``parts`` it was trained with.
 
     Returns:
         Metrics, outcomes, and episodes to look at.
@@ -134,11 +186,12 @@ def _ours(
     policy: str | Path | Trained, world: str, episodes: int, seed: int, settings: Any
 ) -> Evaluation:
     """A controller of ours, with the settings of its own run."""
+    parts = settings.pop("parts", OURS)
     if settings:
         raise LanewiseError(
             f"{next(iter(settings))}: a trained controller is tested with its own settings"
         )
-    controller = policy if isinstance(policy, Trained) else trained.load(Path(policy))
+    controller = policy if isinstance(policy, Trained) else trained.load(Path(policy), parts)
     with Progress() as reporter:
         found = testing.test(controller, world, episodes, seed, reporter)
     return Evaluation(

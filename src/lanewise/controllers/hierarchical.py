@@ -12,6 +12,7 @@ from lanewise.controllers.controller import Feedback
 from lanewise.controllers.goal_critic import GoalMemory
 from lanewise.controllers.levels import HighLevel, LowLevel, TwoLevelMemory
 from lanewise.controllers.settings import GoalSettings
+from lanewise.driving import observation
 from lanewise.driving.percept import Percept
 from lanewise.driving.settings import DrivingSettings
 
@@ -25,11 +26,13 @@ class Hierarchical:
     renewal: str
     """When goals are renewed, see `GoalSettings`."""
     name: str = "hierarchical"
+    observed: int = observation.SIZE
+    """Features observed."""
 
     @property
     def levels(self) -> tuple[HighLevel, LowLevel]:
         """First the goal, then the action."""
-        return (HighLevel(self.goals), LowLevel())
+        return (HighLevel(self.goals, feature_count=self.observed), LowLevel(self.observed))
 
     def start(self, percept: Percept) -> TwoLevelMemory:
         """No goal yet."""

@@ -54,11 +54,17 @@ class HighLevel:
 
 @dataclass(frozen=True)
 class LowLevel:
-    """Chooses the low-level action; it sees the 26 features and the two of the goal."""
+    """Chooses the low-level action; it sees the features and the two of the goal."""
 
+    observed: int = observation.SIZE
+    """Features observed."""
     name: str = "low_level"
-    feature_count: int = observation.SIZE + goals.FEATURES
     choice_count: int = actions.COUNT
+
+    @property
+    def feature_count(self) -> int:
+        """What is observed, and the goal."""
+        return self.observed + goals.FEATURES
 
     def ready(self, memory: TwoLevelMemory) -> Array:
         """At every decision."""

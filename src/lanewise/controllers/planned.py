@@ -9,6 +9,7 @@ from lanewise.controllers.controller import Feedback
 from lanewise.controllers.goal_critic import GoalMemory
 from lanewise.controllers.levels import HighLevel, TwoLevelMemory
 from lanewise.controllers.settings import GoalSettings, PlannerSettings
+from lanewise.driving import observation
 from lanewise.driving.percept import Percept
 from lanewise.driving.settings import DrivingSettings
 
@@ -23,11 +24,13 @@ class Planned:
     renewal: str
     """When goals are renewed, see `GoalSettings`."""
     name: str = "planned"
+    observed: int = observation.SIZE
+    """Features observed."""
 
     @property
     def levels(self) -> tuple[HighLevel]:
         """The high level alone."""
-        return (HighLevel(self.goals),)
+        return (HighLevel(self.goals, feature_count=self.observed),)
 
     def start(self, percept: Percept) -> TwoLevelMemory:
         """No goal yet."""

@@ -50,7 +50,13 @@ class SingleLevel:
     hold: int = 1
     """Decisions for which a choice is held."""
     name: str = "single-level"
-    levels: tuple[FlatLevel] = (FlatLevel(),)
+    observed: int = observation.SIZE
+    """Features observed."""
+
+    @property
+    def levels(self) -> tuple[FlatLevel]:
+        """The one."""
+        return (FlatLevel(feature_count=self.observed),)
 
     def start(self, percept: Percept) -> HeldAction:
         """A choice is due."""

@@ -1,12 +1,15 @@
 """What of the decision process may be replaced by a user's functions."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
+import jax
+import jax.numpy as jnp
 from jax import Array
 
 from lanewise.driving import observation, reward
 from lanewise.driving.settings import ObservationSettings, RewardSettings
+from lanewise.errors import SettingsError
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
 from lanewise.world.state import World
@@ -31,6 +34,33 @@ class Parts:
     success: Callable[[World], Array] = trap.escaped
     """World after a decision to whether the episode has succeeded by now, bool []; once true it
     stays so, and an accident takes it away."""
+
+    def names(self) -> tuple[str, ...]:
+        """Which are a user's own, and what they are called there: ``reward: mine.hurry``."""
+        return tuple(
+            f"{part.name}: {own.__module__}.{own.__qualname__}"
+            for part in fields(self)
+            if (own := getattr(self, part.name)) is not part.default
+        )
+
+    def feature_count(self, scenario: TrapSettings, settings: ObservationSettings) -> int:
+        """Length of what the controller sees.
+
+        Raises:
+            SettingsError: a user's own observation is no float32 vector.
+        """
+        if self.observe is observation.features:
+            return observation.SIZE
+        seen = jax.eval_shape(
+            lambda key: self.observe(settings, self.start(scenario, key, "training")),
+            jax.random.key(0),
+        )
+        if seen.ndim != 1 or seen.dtype != jnp.float32:
+            raise SettingsError(
+                f"an observation must be a float32 vector; {self.observe.__qualname__} returns "
+                f"{seen.dtype} of shape {seen.shape}"
+            )
+        return int(seen.shape[0])
 
 
 OURS = Parts()

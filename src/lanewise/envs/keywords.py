@@ -1,6 +1,6 @@
 """The settings of an environment, given by keyword as to ``gymnasium.make``. Imports no JAX."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from lanewise import config
@@ -12,7 +12,9 @@ SECTIONS = ("scenario", "driving", "goals", "planner")
 """Of the settings, what an environment heeds."""
 
 
-def compose(preset: str, trap: str, given: Mapping[str, Any]) -> Settings:
+def compose(
+    preset: str, trap: str, given: Mapping[str, Any], sections: Sequence[str] = SECTIONS
+) -> Settings:
     """The settings with what was given replaced.
 
     Args:
@@ -21,12 +23,13 @@ def compose(preset: str, trap: str, given: Mapping[str, Any]) -> Settings:
         given: values by setting. A setting may be named in full (``"scenario.trap_speed"``), by
             its last word where only one ends so (``trap_speed``), or within a mapping named like
             its section (``scenario={"trap_speed": 10.9}``).
+        sections: those whose settings may be given.
 
     Raises:
         SettingsError: a name is unknown, or means several settings, or is given twice; or a value
             has the wrong type, is out of range or contradicts another.
     """
-    known = [name for name in config.kinds() if name.partition(".")[0] in SECTIONS]
+    known = [name for name in config.kinds() if name.partition(".")[0] in sections]
     flags: dict[str, object] = {}
     for name, value in _flat(given):
         setting = _resolve(name, known)
@@ -52,6 +55,7 @@ def _resolve(name: str, known: list[str]) -> str:
     if len(ending) == 1:
         return ending[0]
     if ending:
-        raise SettingsError(f'"{name}" is the end of {", ".join(ending)}; write one of these')
+        several = ", ".join(ending[:3]) + (", ..." if len(ending) > 3 else "")
+        raise SettingsError(f'"{name}" may be {several}; give it in full')
     hint = nearest(name, known) or "docs/settings.md lists all"
     raise SettingsError(f'unknown setting "{name[:80]}"; {hint}')

@@ -13,7 +13,7 @@ from lanewise.training import recipe
 
 def course(trained: Trained, renewal: str | None = None) -> TestCourse:
     """The test of a trained controller, with its own settings."""
-    return recipe.test_course(trained.settings, trained.name, renewal)
+    return recipe.test_course(trained.settings, trained.name, renewal, trained.parts)
 
 
 def test(

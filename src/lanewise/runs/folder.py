@@ -58,10 +58,19 @@ class RunFolder:
     digest: str
     """Of the settings file; every file of the run carries it. The file's and not the settings', so
     that a later version with one setting more still reads the run."""
+    parts: tuple[str, ...] = ()
+    """Names of the user's own functions it is trained with (`driving.parts.Parts.names`)."""
     _lock: IO[bytes] | None = field(default=None, repr=False)
 
     @classmethod
-    def create(cls, path: Path, settings: Settings, controller: str, seed: int) -> "RunFolder":
+    def create(
+        cls,
+        path: Path,
+        settings: Settings,
+        controller: str,
+        seed: int,
+        parts: tuple[str, ...] = (),
+    ) -> "RunFolder":
         """Makes a run in a new or empty folder and locks it.
 
         Raises:
@@ -70,7 +79,7 @@ class RunFolder:
         require_empty(path)
         path.mkdir(parents=True, exist_ok=True)
         lock = _acquire(path)
-        folder = cls(path, settings, controller, seed, config.digest(settings), lock)
+        folder = cls(path, settings, controller, seed, config.digest(settings), parts, lock)
         try:
             # Whoever had the lock just before may have made a run meanwhile.
             require_empty(path)
@@ -90,7 +99,8 @@ class RunFolder:
         manifest = _read_manifest(path)
         settings = _read_settings(path, manifest)
         digest = manifest["settings_digest"]
-        return cls(path, settings, manifest["controller"], manifest["seed"], digest)
+        parts = tuple(manifest.get("parts", ()))
+        return cls(path, settings, manifest["controller"], manifest["seed"], digest, parts)
 
     @classmethod
     def resume(
@@ -165,6 +175,7 @@ class RunFolder:
             "seed": self.seed,
             "settings_digest": self.digest,
             "lanewise": __version__,
+            **({"parts": list(self.parts)} if self.parts else {}),
             "created": datetime.now(UTC).isoformat(timespec="seconds"),
         }
         contents = {
@@ -226,6 +237,9 @@ def _read_manifest(path: Path) -> dict[str, Any]:
         raise RunError(f"{file} has format version {version}; this lanewise reads {VERSION}")
     if manifest.get("controller") not in CONTROLLERS or type(manifest.get("seed")) is not int:
         raise RunError(f"{file} is damaged: no controller or seed")
+    parts = manifest.get("parts", [])
+    if not isinstance(parts, list) or not all(isinstance(part, str) for part in parts):
+        raise RunError(f"{file} is damaged: parts are no names")
     return manifest
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import jax
 
 from lanewise.controllers.controller import Parameters
+from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import RunError
 from lanewise.progress import Progress
 from lanewise.runs import checkpoint, trained, tree
@@ -71,7 +72,12 @@ class _Interrupts:
 
 
 def train(
-    folder: RunFolder, high_level: Path | None, reporter: Progress, *, tensorboard: bool = False
+    folder: RunFolder,
+    high_level: Path | None,
+    reporter: Progress,
+    *,
+    tensorboard: bool = False,
+    parts: Parts = OURS,
 ) -> None:
     """Train ``folder.controller`` to the end; continue where the folder's checkpoints stop.
 
@@ -80,17 +86,20 @@ def train(
         high_level: a run whose step-1 result is taken over, or None.
         reporter: told how far the training is.
         tensorboard: whether to write TensorBoard's events too.
+        parts: the user's own functions; those the folder was made with.
 
     Raises:
-        RunError: the run is finished already, or ``high_level`` is no finished step 1.
+        RunError: the run is finished already, or was made with other parts, or ``high_level`` is
+            no finished step 1.
         CheckpointError: a stored file is damaged beyond falling back.
     """
+    trained.check_parts(folder, parts)
     if trained.is_finished(folder):
         raise RunError(f"{folder.path} is finished; lanewise evaluate {folder.path} tests it")
     if high_level is not None:
-        trained.take_over_high_level(folder, high_level)
+        trained.take_over_high_level(folder, high_level, parts)
     done = trained.finished_stages(folder)
-    found, warning = _newest(folder, len(done))
+    found, warning = _newest(folder, len(done), parts)
     if warning:
         reporter.note(warning)
     with (
@@ -102,21 +111,21 @@ def train(
         frozen: Parameters = {}
         for index, stage in enumerate(recipe.RECIPES[folder.controller]):
             if index >= len(done):
-                _run_stage(files, index, stage, frozen, found, reporter)
+                _run_stage(files, index, stage, frozen, found, reporter, parts)
                 found = None
-            frozen = frozen | trained.load_stage(folder, stage)
+            frozen = frozen | trained.load_stage(folder, stage, parts)
     trained.save_controller(folder, frozen)
     # Only now, when nothing is left to resume.
     checkpoint.prune(folder.checkpoints, keep=0)
 
 
-def plan_of(folder: RunFolder, stage: recipe.Stage) -> StagePlan:
+def plan_of(folder: RunFolder, stage: recipe.Stage, parts: Parts = OURS) -> StagePlan:
     """The stage ready to run, with the run's settings."""
     settings = folder.settings
     return StagePlan(
         name=stage.name,
-        course=recipe.course(settings, stage),
-        validation=recipe.validation_course(settings, stage),
+        course=recipe.course(settings, stage, parts),
+        validation=recipe.validation_course(settings, stage, parts),
         validation_episodes=settings.evaluation.validation_episodes,
         validation_interval=settings.evaluation.validation_interval,
     )
@@ -129,9 +138,10 @@ def _run_stage(
     frozen: Parameters,
     found: checkpoint.Checkpoint | None,
     reporter: Progress,
+    parts: Parts,
 ) -> None:
     """Run a stage to its end, from its beginning or from a checkpoint."""
-    plan = plan_of(files.folder, stage)
+    plan = plan_of(files.folder, stage, parts)
     progress = stages.begin(plan, frozen, _stage_key(files.folder, index))
     if found is not None:
         progress = _restored(progress, found)
@@ -194,7 +204,9 @@ def _save(files: _Files, index: int, progress: StageProgress) -> None:
     )
 
 
-def _newest(folder: RunFolder, index: int) -> tuple[checkpoint.Checkpoint | None, str]:
+def _newest(
+    folder: RunFolder, index: int, parts: Parts
+) -> tuple[checkpoint.Checkpoint | None, str]:
     """The newest whole checkpoint of the stage under way, if it has one yet.
 
     Its arrays are checked against the shapes they must have before any is read.
@@ -204,7 +216,7 @@ def _newest(folder: RunFolder, index: int) -> tuple[checkpoint.Checkpoint | None
         return None, ""
 
     def template(meta: dict[str, Any]) -> checkpoint.Template:
-        return tree.shapes(_blank(folder, meta["stage"]))
+        return tree.shapes(_blank(folder, meta["stage"], parts))
 
     found, warning = checkpoint.newest_valid(folder.checkpoints, template, folder.digest)
     if found is not None and found.meta["stage"] != index:
@@ -221,13 +233,13 @@ def _metrics_bytes(
     return trained.metrics_bytes(folder, done[-1]) if done else 0
 
 
-def _blank(folder: RunFolder, index: int) -> dict[str, Any]:
+def _blank(folder: RunFolder, index: int, parts: Parts) -> dict[str, Any]:
     """Shapes of a stage's checkpoint."""
     recipe_stages = recipe.RECIPES[folder.controller]
-    plan = plan_of(folder, recipe_stages[index])
+    plan = plan_of(folder, recipe_stages[index], parts)
     frozen: Parameters = {}
     for earlier in recipe_stages[:index]:
-        frozen = frozen | trained.blank_networks(folder, earlier)
+        frozen = frozen | trained.blank_networks(folder, earlier, parts)
     state = jax.eval_shape(
         lambda levels: stage_loop.begin(plan.course, levels, jax.random.key(0)), frozen
     )

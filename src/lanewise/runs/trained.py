@@ -9,6 +9,7 @@ import jax
 
 from lanewise import crosschecks
 from lanewise.controllers.controller import Parameters
+from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import RunError, SettingsError
 from lanewise.learning import network
 from lanewise.runs import checkpoint, shelf, tree
@@ -34,6 +35,8 @@ class Trained:
     """Of the run it comes from."""
     parameters: Parameters
     """Of all its levels."""
+    parts: Parts = OURS
+    """The user's own functions it was trained with."""
 
 
 def is_finished(folder: RunFolder) -> bool:
@@ -41,16 +44,21 @@ def is_finished(folder: RunFolder) -> bool:
     return (folder.path / f"{CONTROLLER}.json").exists()
 
 
-def load(path: Path) -> Trained:
+def load(path: Path, parts: Parts = OURS) -> Trained:
     """The finished controller of a run, or one that comes with the package (`shelf`).
 
+    Args:
+        path: a run folder, ``pretrained/NAME`` or ``reference/NAME``.
+        parts: the user's own functions it was trained with.
+
     Raises:
-        RunError: there is no run, or it is not finished.
+        RunError: there is no run, or it is not finished, or was trained with other parts.
         CheckpointError: its files are damaged.
     """
     if name := shelf.reference(path):
         return Trained(name, Settings(), 0, {})
     folder = RunFolder.open(shelf.locate(path))
+    check_parts(folder, parts)
     if not is_finished(folder):
         raise RunError(
             f"{path} is not finished; lanewise train {folder.controller} --out {path} --resume "
@@ -58,10 +66,10 @@ def load(path: Path) -> Trained:
         )
     blank: Parameters = {}
     for stage in _stages(folder):
-        blank = blank | blank_networks(folder, stage)
+        blank = blank | blank_networks(folder, stage, parts)
     stored = checkpoint.load(folder.path, CONTROLLER, tree.shapes(blank), folder.digest)
     parameters: Parameters = tree.unflatten(blank, stored.arrays)
-    return Trained(folder.controller, folder.settings, folder.seed, parameters)
+    return Trained(folder.controller, folder.settings, folder.seed, parameters, parts)
 
 
 def fingerprint(folder: RunFolder) -> str:
@@ -99,15 +107,15 @@ def save_stage(
     checkpoint.save(folder.stages, stage.name, tree.flatten(parameters), meta, folder.digest)
 
 
-def load_stage(folder: RunFolder, stage: Stage) -> Parameters:
+def load_stage(folder: RunFolder, stage: Stage, parts: Parts = OURS) -> Parameters:
     """What a stage handed on."""
-    blank = blank_networks(folder, stage)
+    blank = blank_networks(folder, stage, parts)
     stored = checkpoint.load(folder.stages, stage.name, tree.shapes(blank), folder.digest)
     parameters: Parameters = tree.unflatten(blank, stored.arrays)
     return parameters
 
 
-def take_over_high_level(folder: RunFolder, source: Path) -> None:
+def take_over_high_level(folder: RunFolder, source: Path, parts: Parts = OURS) -> None:
     """Copy the step-1 result of another run into this one, so that only step 2 is trained.
 
     Raises:
@@ -118,7 +126,8 @@ def take_over_high_level(folder: RunFolder, source: Path) -> None:
     if has_stage(folder, first.name):
         raise RunError(f"{folder.path} has its own step 1 already; resume it without --high-level")
     other = check_lender(source, folder.settings)
-    parameters = load_stage(other, first)
+    check_parts(other, parts)
+    parameters = load_stage(other, first, parts)
     meta = {
         "taken_from_seed": other.seed,
         "taken_from_settings": other.digest,
@@ -145,9 +154,24 @@ def check_lender(source: Path, settings: Settings) -> RunFolder:
     return lender
 
 
-def blank_networks(folder: RunFolder, stage: Stage) -> Parameters:
+def check_parts(folder: RunFolder, parts: Parts) -> None:
+    """Refuses to go on with other functions than a run was made with, as far as names can tell.
+
+    Raises:
+        RunError: says which it was made with.
+    """
+    if folder.parts != parts.names():
+        made = "; ".join(folder.parts) or "no parts of the user's own"
+        raise RunError(
+            f"{folder.path} was made with {made}\n"
+            "  give the same functions: lanewise.evaluate(run, parts=...), "
+            "lanewise.train(..., parts=...)"
+        )
+
+
+def blank_networks(folder: RunFolder, stage: Stage, parts: Parts = OURS) -> Parameters:
     """Shapes of the networks that learn in a stage."""
-    course = recipe.course(folder.settings, stage)
+    course = recipe.course(folder.settings, stage, parts)
 
     def networks(key: jax.Array) -> Parameters:
         found: Parameters = {}

@@ -10,6 +10,7 @@ from lanewise.controllers.rule_based import RuleBased
 from lanewise.controllers.search import Search
 from lanewise.controllers.settings import GoalSettings, PlannerSettings, SearchSettings
 from lanewise.controllers.single_level import SingleLevel
+from lanewise.driving.parts import OURS, Parts
 from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation.drive import BLOCK, TestCourse
 from lanewise.evaluation.settings import EvaluationSettings
@@ -96,16 +97,19 @@ HELD = "critic"
 """When goals are renewed: only once the critic has ended them."""
 
 
-def controller(settings: RecipeSettings, name: str, renewal: str) -> Controller:
+def controller(
+    settings: RecipeSettings, name: str, renewal: str, parts: Parts = OURS
+) -> Controller:
     """The controller of a name, with goals renewed as ``renewal`` says."""
     driving, goals = settings.driving, settings.goals
+    observed = parts.feature_count(settings.scenario, driving.observation)
     match name:
         case "planned":
-            return Planned(driving, goals, settings.planner, renewal)
+            return Planned(driving, goals, settings.planner, renewal, observed=observed)
         case "hierarchical" | "h-dqn":
-            return Hierarchical(driving, goals, renewal, name)
+            return Hierarchical(driving, goals, renewal, name, observed)
         case "single-level":
-            return SingleLevel(settings.single_level.hold)
+            return SingleLevel(settings.single_level.hold, observed=observed)
         case "rule-based":
             return RuleBased()
         case "search":
@@ -125,7 +129,7 @@ def learning(settings: RecipeSettings, stage: Stage) -> tuple[tuple[str, LevelSe
     return tuple((name, getattr(owner, name)) for name in stage.learns)
 
 
-def course(settings: RecipeSettings, stage: Stage) -> Course:
+def course(settings: RecipeSettings, stage: Stage, parts: Parts = OURS) -> Course:
     """The static part of a stage.
 
     `GoalSettings.training_renewal` speaks of step 2; elsewhere goals are held by the critic.
@@ -134,18 +138,21 @@ def course(settings: RecipeSettings, stage: Stage) -> Course:
     return Course(
         scenario=settings.scenario,
         driving=settings.driving,
-        controller=controller(settings, stage.controller, renewal),
+        controller=controller(settings, stage.controller, renewal, parts),
         budget=budget(settings, stage),
         learning=learning(settings, stage),
+        parts=parts,
     )
 
 
-def validation_course(settings: RecipeSettings, stage: Stage) -> TestCourse:
+def validation_course(settings: RecipeSettings, stage: Stage, parts: Parts = OURS) -> TestCourse:
     """Greedy episodes on validation starts, by which a stage's weights are chosen."""
-    return replace(test_course(settings, stage.controller), split="validation")
+    return replace(test_course(settings, stage.controller, parts=parts), split="validation")
 
 
-def test_course(settings: RecipeSettings, name: str, renewal: str | None = None) -> TestCourse:
+def test_course(
+    settings: RecipeSettings, name: str, renewal: str | None = None, parts: Parts = OURS
+) -> TestCourse:
     """Greedy test episodes of a controller.
 
     `GoalSettings.test_renewal` speaks of the hierarchical controller; the others keep their goals
@@ -158,9 +165,10 @@ def test_course(settings: RecipeSettings, name: str, renewal: str | None = None)
     return TestCourse(
         scenario=scenario,
         driving=settings.driving,
-        controller=controller(settings, name, renewal),
+        controller=controller(settings, name, renewal, parts),
         duration=test_duration(settings),
         at_once=1 if name == "search" else BLOCK,
+        parts=parts,
     )
 
 

@@ -13,10 +13,10 @@ from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Controller, Level, Parameters
 from lanewise.driving import episode, percept
 from lanewise.driving.episode import Episode, Outcome
+from lanewise.driving.parts import OURS, Parts
 from lanewise.driving.percept import Percept
 from lanewise.driving.settings import DrivingSettings
 from lanewise.learning import exploration, network
-from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
 from lanewise.training import transitions
 from lanewise.training.settings import BudgetSettings, LevelSettings
@@ -83,6 +83,8 @@ class Course:
     budget: BudgetSettings
     learning: tuple[tuple[str, LevelSettings], ...]
     """The levels that learn, in the order in which they choose, and how."""
+    parts: Parts = OURS
+    """How episodes start, and what is seen, paid and counted as success."""
 
     @property
     def leading(self) -> Sequence[Level]:
@@ -106,8 +108,8 @@ class Course:
 
 def begin(course: Course, parameters: Parameters, key: Array) -> Rollout:
     """A fresh training episode."""
-    state = episode.begin(trap.sample(course.scenario, key, "training"))
-    seen = percept.of(course.driving.observation, state.world)
+    state = episode.begin(course.parts.start(course.scenario, key, "training"))
+    seen = percept.of(course.driving.observation, state.world, course.parts)
     controller = course.controller
     memory = controller.perceive(controller.start(seen), seen)
     zero = jnp.float32(0.0)
@@ -147,8 +149,10 @@ def step(
     pending, memory = _choose(course, parameters, rollout, epsilon, key)
     before = controller.feedback(memory, rollout.percept).distance
     action, memory = controller.act(memory, rollout.percept)
-    state, outcome = episode.step(course.driving, rollout.episode, action, course.budget.duration)
-    seen = percept.of(course.driving.observation, state.world)
+    state, outcome = episode.step(
+        course.driving, rollout.episode, action, course.budget.duration, course.parts
+    )
+    seen = percept.of(course.driving.observation, state.world, course.parts)
     feedback = controller.feedback(memory, seen)
     memory = _settle(course, parameters, controller.perceive(memory, seen), seen)
 

@@ -1,0 +1,75 @@
+"""A run trained with the user's own start, observation, reward and success."""
+
+import jax.numpy as jnp
+import pytest
+from test_train import FLAGS
+
+import lanewise
+from lanewise.cli import main
+from lanewise.errors import LanewiseError, RunError, SettingsError
+from lanewise.runs import metrics
+
+
+def hurry(settings, world, steering, accident):
+    return jnp.where(accident, -2.0, 0.25)
+
+
+def place_and_speed(settings, world):
+    vehicles = world.vehicles
+    return jnp.stack([vehicles.x[0] / 100.0, vehicles.y[0] / 4.0, vehicles.speed[0] / 15.0])
+
+
+def started(world):
+    return world.vehicles.x[0] > 0.0
+
+
+def two_dimensional(settings, world):
+    return jnp.zeros((2, 2))
+
+
+PARTS = lanewise.Parts(observe=place_and_speed, reward=hurry, success=started)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Both steps."""
+    path = tmp_path_factory.mktemp("own") / "run"
+    assert lanewise.train(path, parts=PARTS, seed=2, **FLAGS) == path
+    return path
+
+
+def test_it_is_trained_and_tested_with_them(run):
+    episodes = [r for r in metrics.read(run / "metrics.jsonl") if r["kind"] == "episode"]
+    for episode in episodes:
+        paid = 0.25 * episode["decisions"] - (2.25 if episode["accident"] != "none" else 0.0)
+        assert episode["reward"] == pytest.approx(paid)
+        assert episode["success"] == (episode["accident"] == "none")
+    found = lanewise.evaluate(run, parts=PARTS, episodes=4)
+    assert (found.episodes.success == (found.episodes.accident == 0)).all()
+    assert found.record(0).controller == "hierarchical"
+
+
+def test_it_is_not_mistaken_for_another(run, capsys, tmp_path):
+    with pytest.raises(RunError, match=r"made with observe: test_own_parts\.place_and_speed; rew"):
+        lanewise.evaluate(run)
+    with pytest.raises(RunError, match="give the same functions"):
+        lanewise.evaluate(run, parts=lanewise.Parts(reward=hurry))
+    assert main(["evaluate", str(run)]) == 2
+    assert "test_own_parts.hurry" in capsys.readouterr().err
+    with pytest.raises(RunError, match="no parts of the user's own"):
+        lanewise.evaluate("pretrained/single-level", parts=PARTS)
+    with pytest.raises(RunError, match="finished"):
+        lanewise.train(run, parts=PARTS, resume=True)
+
+
+def test_mistakes_leave_nothing_behind(tmp_path):
+    for given, said in (
+        ({"controller": "hierarchcal"}, "did you mean hierarchical"),
+        ({"warm_up": 3}, "may be single_level.learner.warm_up, .* give it in full"),
+        ({"scenario": {"trap_sped": 3.0}}, "unknown setting"),
+    ):
+        with pytest.raises(SettingsError, match=said):
+            lanewise.train(tmp_path / "run", **given)
+    assert not (tmp_path / "run").exists()
+    with pytest.raises(LanewiseError, match=r"float32 vector; two_dimensional returns .* \(2, 2\)"):
+        lanewise.evaluate(lambda seen: 4, parts=lanewise.Parts(observe=two_dimensional))
