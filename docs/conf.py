@@ -15,6 +15,7 @@ html_theme = "furo"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
 html_show_sphinx = False
+pygments_dark_style = "github-dark"
 
 extensions = [
     "myst_parser",

@@ -29,7 +29,8 @@ REPORTS = {
 ROOMS = ("world", "scenario", "driving", "controllers", "learning")
 """Rooms of which the reference shows every module."""
 
-CODE = re.compile(r"(``[^`]*``|`[^`]*`)")
+CODE = re.compile(r"(``[^`]*``|`[^`]*`|(?<!\S)\*\w[\w ]*\*(?![\w*]))")
+"""What docstrings mean as markup: code, and words between stars."""
 MARKUP = re.compile(r"([|*\\]|(?<=\w)_(?!\w))")
 """What docstrings mean literally and reStructuredText would take for markup."""
 
@@ -48,11 +49,12 @@ def plain(app: Sphinx, what: str, name: str, of: Any, options: Any, lines: list[
         lines[:0] = ["..", ""]
 
 
-def fields_alone(
+def without_signature(
     app: Sphinx, what: str, name: str, of: Any, options: Any, signature: str, returns: str
 ) -> tuple[str, str] | None:
-    """A dataclass without its signature, which its fields below repeat."""
-    return ("", "") if inspect.isclass(of) and is_dataclass(of) else None
+    """Dataclasses and protocols without a signature: the members below say it all."""
+    bare = inspect.isclass(of) and (is_dataclass(of) or getattr(of, "_is_protocol", False))
+    return ("", "") if bare else None
 
 
 def links(app: Sphinx, page: str, source: list[str]) -> None:
@@ -121,7 +123,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     """Connect it all."""
     # Before napoleon, which turns sections of a docstring into markup.
     app.connect("autodoc-process-docstring", plain, priority=400)
-    app.connect("autodoc-process-signature", fields_alone)
+    app.connect("autodoc-process-signature", without_signature)
     app.connect("source-read", links)
     app.connect("include-read", included)
     app.connect("env-check-consistency", complete)
