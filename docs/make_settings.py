@@ -1,8 +1,10 @@
-"""Writes settings.md and the table of paper.md, and brings quoted defaults up to date.
+"""Writes settings.md, and in other pages all that settings, readings and metrics say.
 
-Run it after changing a setting: ``python docs/make_settings.py``. A test fails until that is done.
-Wherever a page quotes a setting as `` `name = value` ``, the value is the default's and is
-rewritten here.
+Run it after changing one of these: ``python docs/make_settings.py``. A test fails until that is
+done. Wherever a page quotes a setting as `` `name = value` ``, the value is the default's and is
+rewritten here. Between ``<!-- readings -->`` marks stands the table of readings, between
+``<!-- rows 13 14 -->`` and ``<!-- /rows -->`` some of its rows, between ``<!-- metrics -->`` marks
+what each metric means.
 """
 
 import dataclasses
@@ -13,6 +15,7 @@ from typing import Any, get_type_hints
 
 from lanewise import config
 from lanewise.commands import docstrings
+from lanewise.evaluation.metrics import METRICS
 from lanewise.experiments import readings
 from lanewise.ranges import Kind
 from lanewise.settings import PRESETS, TRAPS, Settings
@@ -20,6 +23,8 @@ from lanewise.settings import PRESETS, TRAPS, Settings
 DOCS = Path(__file__).parent
 PAGES = (DOCS.parent / "README.md", *sorted(DOCS.glob("*.md")))
 BEGIN, END = "<!-- readings -->", "<!-- /readings -->"
+ROWS = re.compile(r"<!-- rows ([0-9a-c ]+) -->\n.*?<!-- /rows -->", re.DOTALL)
+METRIC_TABLE = re.compile(r"<!-- metrics -->\n.*?<!-- /metrics -->", re.DOTALL)
 QUOTED = re.compile(r"`([a-z_]+(?:\.[a-z_]+)+) = [^`]*`")
 
 INTRODUCTION = """\
@@ -82,6 +87,36 @@ def with_defaults(text: str) -> str:
     return QUOTED.sub(quote, text)
 
 
+def with_rows(text: str) -> str:
+    """A page with its rows of the table of readings up to date, as a list."""
+    flat = config.flatten(config.compose())
+
+    def listed(match: re.Match[str]) -> str:
+        wanted = match[1].split()
+        found = {row["number"]: row for row in readings.rows() if row["number"] in wanted}
+        lines = [f"- {readings.sentence(found[number], flat)}" for number in wanted]
+        where = "[The readings](paper.md#what-the-paper-leaves-open) behind it:"
+        body = "\n".join([where, "", *lines])
+        return f"<!-- rows {match[1]} -->\n\n{body}\n\n<!-- /rows -->"
+
+    return ROWS.sub(listed, text)
+
+
+def with_metrics(text: str) -> str:
+    """A page with its table of metrics up to date."""
+    lines = ["| metric | unit | meaning |", "|---|---|---|"]
+    for metric in METRICS:
+        unit = "share of 1" if metric.rate else metric.unit
+        lines.append(f"| `{metric.name}` | {unit} | {metric.meaning} |")
+    table = "\n".join(lines)
+    return METRIC_TABLE.sub(lambda _: f"<!-- metrics -->\n\n{table}\n\n<!-- /metrics -->", text)
+
+
+def up_to_date(text: str) -> str:
+    """A page with everything up to date that is written here, but the table of readings."""
+    return with_metrics(with_rows(with_defaults(text)))
+
+
 def paper_page() -> str:
     """paper.md with its table of readings."""
     text = (DOCS / "paper.md").read_text(encoding="utf-8")
@@ -96,8 +131,8 @@ def main() -> None:
     (DOCS / "paper.md").write_text(paper_page(), encoding="utf-8")
     for path in PAGES:
         text = path.read_text(encoding="utf-8")
-        if with_defaults(text) != text:
-            path.write_text(with_defaults(text), encoding="utf-8")
+        if up_to_date(text) != text:
+            path.write_text(up_to_date(text), encoding="utf-8")
 
 
 if __name__ == "__main__":

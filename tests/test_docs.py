@@ -13,7 +13,7 @@ from lanewise.commands.arguments import parse
 ROOT = Path(__file__).parents[1]
 PAGES = (
     *(ROOT / name for name in ("README.md", "CHANGELOG.md", "benchmarks/README.md")),
-    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
 )
 SECTIONS = {name.split(".")[0] for name in config.kinds()}
 
@@ -51,8 +51,8 @@ def test_the_readings_come_from_their_file():
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_quoted_defaults_are_the_defaults(page):
-    assert make_settings().with_defaults(page.read_text()) == page.read_text()
+def test_quoted_defaults_readings_and_metrics_are_up_to_date(page):
+    assert make_settings().up_to_date(page.read_text()) == page.read_text()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

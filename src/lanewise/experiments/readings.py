@@ -23,10 +23,20 @@ def table(flat: Mapping[str, Any]) -> str:
     """The rows as a Markdown table, settings with the values they have in ``flat``."""
     lines = ["| " + " | ".join(HEADS) + " |", "|---" * len(HEADS) + "|"]
     for row in rows():
-        here = _QUOTED.sub(lambda found: _with_value(found[1], flat), row["here"])
-        cells = (row["number"], row["paper"], here, row["other"], row["why"])
+        cells = (row["number"], row["paper"], _here(row, flat), row["other"], row["why"])
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
+
+
+def sentence(row: Mapping[str, str], flat: Mapping[str, Any]) -> str:
+    """One row as Markdown text: its number, what the paper says, what is done here, and why."""
+    text = f"**{row['number']}.** {row['paper']}: {_here(row, flat)}"
+    return f"{text}. Why: {row['why']}." if row["why"] else f"{text}."
+
+
+def _here(row: Mapping[str, str], flat: Mapping[str, Any]) -> str:
+    """What a row says is done here, settings with their values."""
+    return _QUOTED.sub(lambda found: _with_value(found[1], flat), row["here"])
 
 
 def _with_value(name: str, flat: Mapping[str, Any]) -> str:

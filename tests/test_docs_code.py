@@ -1,0 +1,34 @@
+"""Every Python block of the README and of the documentation runs, page by page, top to bottom."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+BLOCK = re.compile(r"^```(?:python|py)\b[^\n]*\n(.*?)^```", re.DOTALL | re.MULTILINE)
+QUICK = ("algorithms.md", "trap.md")
+"""Pages that take a few seconds; the others compile whole environments."""
+PAGES = [
+    pytest.param(page, id=page.name, marks=() if page.name in QUICK else pytest.mark.slow)
+    for page in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+    if BLOCK.search(page.read_text())
+]
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_code_runs(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = page.read_text()
+    names = {"__name__": page.stem}
+    for block in BLOCK.finditer(text):
+        # Empty lines before the code, so that a traceback tells the page's line.
+        before = "\n" * text.count("\n", 0, block.start(1))
+        exec(compile(before + block[1], str(page), "exec"), names)
+
+
+def test_no_block_is_left_out():
+    fences = re.compile(r"^\s*```\s*(?:python|py)\b", re.MULTILINE)
+    for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")):
+        text = page.read_text()
+        assert len(fences.findall(text)) == len(BLOCK.findall(text)), page.name
