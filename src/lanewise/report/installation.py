@@ -14,6 +14,7 @@ FEATURES = {
     "": "training, tests, environments",
     "report": "pictures, clips, report pages",
     "highway": "tests and environment in the real highway-env",
+    "onnx": "export to ONNX",
     "cuda13": "NVIDIA GPUs",
 }
 """By extra, what it is for; the first needs none."""
