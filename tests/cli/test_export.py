@@ -23,7 +23,6 @@ def refusal(capsys, *words):
 
 def test_the_written_file_is_compared_with_the_controller(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(drive, "BLOCK", 4)
-    monkeypatch.setattr(check, "BLOCK", 4)
     for ending in ("npz", "onnx"):
         out = tmp_path / f"policy.{ending}"
         assert main(["export", FLAT, "--out", str(out), "--check", "150", "--json"]) == 0

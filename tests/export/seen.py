@@ -75,10 +75,8 @@ def decisions(case):
 
     def decide(memory, percept):
         action, memory, traces = controllers.act(controller, trained.parameters, memory, percept)
-        values = {name: trace.values for name, trace in traces.items()}
-        kept = check.exported(controller, memory)
-        ego = check.ego_of(percept)
-        return memory, check.Decision(percept.features, ego, action, kept, values, True)
+        live = jnp.bool_(True)
+        return memory, check.decision(controller, percept, action, memory, traces, live)
 
     def one(seen):
         first = jax.tree.map(lambda leaf: leaf[0], seen)

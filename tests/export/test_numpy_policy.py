@@ -11,7 +11,7 @@ import pytest
 from seen import BATCH, CASES, STEPS, decisions, untrained
 
 from lanewise.export import check, contents, formats, numpy_policy
-from lanewise.export.numpy_policy import Ego, load
+from lanewise.export.numpy_policy import FORMAT, Ego, load
 
 EGO = Ego(y=4.0, heading=0.0, speed=10.0, lane_centres=[0.0, 4.0, 8.0])
 
@@ -120,6 +120,7 @@ def altered(files, tmp_path, **changes):
         {"about": np.asarray("[]")},
         {"about": np.asarray("no JSON")},
         {"about": np.asarray(json.dumps({"format": "another", "version": 1}))},
+        {"about": np.asarray(json.dumps({"format": FORMAT, "version": 1, "memory": "all"}))},
         {"low_level/0/weights": None},
         {"low_level/0/weights": np.zeros((26, 32), np.float32)},
         {"high_level/1/biases": np.full(6, np.nan, np.float32)},

@@ -16,13 +16,13 @@ from jax import Array
 from numpy.typing import NDArray
 
 from lanewise.controllers import controller as controllers
-from lanewise.controllers.controller import Controller, Memory, Parameters
+from lanewise.controllers.controller import Controller, Memory, Parameters, Trace
 from lanewise.controllers.levels import TwoLevelMemory
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving import episode
 from lanewise.driving.percept import Percept
 from lanewise.evaluation import drive
-from lanewise.evaluation.drive import BLOCK, TestCourse
+from lanewise.evaluation.drive import TestCourse
 from lanewise.export.numpy_policy import START, Ego
 from lanewise.runs.trained import Trained
 from lanewise.training import recipe
@@ -50,6 +50,8 @@ class Decision:
     """Afterwards, in the parts of an exported policy."""
     values: dict[str, Any]
     """Q-values by level."""
+    ready: dict[str, Any]
+    """bool [] by level, whether its choice counted."""
     live: Any
     """bool [] whether the episode was still under way."""
 
@@ -114,8 +116,8 @@ def agreement(
     """
     course = recipe.test_course(trained.settings, trained.name, renewal)
     total = Agreement()
-    for drive_ in drives(replace(course, split="training"), trained.parameters, seed):
-        total += compare(step, drive_)
+    for decisions in drives(replace(course, split="training"), trained.parameters, seed):
+        total += compare(step, decisions)
         done(min(total.states, states))
         if total.states >= states:
             break
@@ -129,7 +131,7 @@ def drives(course: TestCourse, parameters: Parameters, seed: int) -> Iterator[De
         worlds = drive.start_block(course, seed, first)
         decisions: Decision = jax.device_get(_drive(course, parameters, worlds))
         yield decisions
-        first += BLOCK
+        first += drive.BLOCK
 
 
 @partial(jax.jit, static_argnums=0)
@@ -141,9 +143,7 @@ def _drive(course: TestCourse, parameters: Parameters, worlds: World) -> Decisio
         seen = drive.look(course, state)
         action, memory, traces = controllers.act(course.controller, parameters, memory, seen)
         state, outcome = episode.step(course.driving, state, action, course.duration)
-        values = {name: trace.values for name, trace in traces.items()}
-        kept = exported(course.controller, memory)
-        made = Decision(seen.features, ego_of(seen), action, kept, values, ~over)
+        made = decision(course.controller, seen, action, memory, traces, ~over)
         return (state, memory, over | outcome.terminated), made
 
     def one(world: World) -> Decision:
@@ -155,13 +155,28 @@ def _drive(course: TestCourse, parameters: Parameters, worlds: World) -> Decisio
     return along_time
 
 
-def ego_of(seen: Percept) -> Ego:
-    """The ego of a percept, with infinity for lanes that are absent."""
+def decision(
+    controller: Controller,
+    seen: Percept,
+    action: Array,
+    memory: Memory,
+    traces: dict[str, Trace],
+    live: Array,
+) -> Decision:
+    """What there is to compare of a decision; lanes that are absent have infinite centres."""
     centres = jnp.where(seen.road.present, seen.road.centre, jnp.inf)
-    return Ego(seen.y, seen.heading, seen.speed, centres)
+    return Decision(
+        features=seen.features,
+        ego=Ego(seen.y, seen.heading, seen.speed, centres),
+        action=action,
+        memory=_exported(controller, memory),
+        values={name: trace.values for name, trace in traces.items()},
+        ready={name: trace.ready for name, trace in traces.items()},
+        live=live,
+    )
 
 
-def exported(controller: Controller, memory: Memory) -> dict[str, Array]:
+def _exported(controller: Controller, memory: Memory) -> dict[str, Array]:
     """A controller's memory in the parts of an exported policy's."""
     if isinstance(memory, TwoLevelMemory):
         goal = memory.goal
@@ -211,7 +226,7 @@ def _counted(made: Decision, same: NDArray[np.bool_], values: Any) -> Agreement:
         best, other = np.argmax(ours, axis=1), np.argmax(values[name], axis=1)
         gap = ours[rows, best] - ours[rows, other]
         # The level that chose first explains what follows from it.
-        tied = np.where(best != other, gap < TIE, tied)
+        tied = np.where(made.ready[name] & (best != other), gap < TIE, tied)
     agreed = live & same
     largest = max(
         (float(np.abs(values[name] - ours)[agreed].max(initial=0.0)))

@@ -294,13 +294,25 @@ def load(path: str | os.PathLike[str]) -> Policy:
         about = json.loads(str(arrays.pop("about")))
         ours = about["format"] == FORMAT and about["version"] == VERSION
         if ours:
-            for level, layers in about["levels"].items():
-                _check_network(arrays, level, layers)
+            _check(about, arrays)
     except (KeyError, AttributeError, TypeError, ValueError, EOFError, BadZipFile) as error:
         raise ValueError(f"{path} is no policy of Lanewise, or a damaged one") from error
     if not ours:
         raise ValueError(f"{path} has another format version; this reader knows {VERSION}")
     return Policy(about, arrays)
+
+
+def _check(about: dict[str, Any], arrays: dict[str, Array]) -> None:
+    """Raises ValueError or KeyError unless all is there that a decision needs."""
+    wanted = {"none": "levels", "held-action": "hold", "goal": "goals"}
+    if about["memory"] not in wanted or wanted[about["memory"]] not in about:
+        raise ValueError("the memory is none that is known")
+    for level, layers in about["levels"].items():
+        _check_network(arrays, level, layers)
+    if "planner" in about:
+        turns, trims, steps = (arrays[f"planner/{n}"] for n in ("turns", "trims", "trim_steps"))
+        if turns.ndim != 2 or not turns.shape[:1] == trims.shape == steps.shape:
+            raise ValueError("the planner's candidates do not fit")
 
 
 def _check_network(arrays: dict[str, Array], level: str, layers: int) -> None:
