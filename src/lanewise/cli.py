@@ -9,7 +9,17 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from lanewise.commands import bench, compare, doctor, evaluate, reproduce, sweep, train, watch
+from lanewise.commands import (
+    bench,
+    compare,
+    doctor,
+    evaluate,
+    export,
+    reproduce,
+    sweep,
+    train,
+    watch,
+)
 from lanewise.commands.arguments import Parsed, parse
 from lanewise.errors import LanewiseError, SettingsError
 from lanewise.names import look_up
@@ -20,6 +30,7 @@ COMMANDS: dict[str, type] = {
     "evaluate": evaluate.Evaluate,
     "compare": compare.Compare,
     "watch": watch.Watch,
+    "export": export.Export,
     "sweep": sweep.Sweep,
     "reproduce": reproduce.Reproduce,
     "bench": bench.Bench,
@@ -31,6 +42,7 @@ RUNNERS: dict[str, Callable[[Parsed[Any]], int]] = {
     "evaluate": evaluate.run,
     "compare": compare.run,
     "watch": watch.run,
+    "export": export.run,
     "sweep": sweep.run,
     "reproduce": reproduce.run,
     "bench": bench.run,
@@ -49,8 +61,8 @@ INTERRUPTED = 130
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs ``lanewise`` and returns its exit code.
 
-    0 done, 1 a measurement of ``bench`` failed or ``doctor`` found something broken, 2 refused,
-    130 interrupted.
+    0 done, 1 a measurement of ``bench`` failed, ``doctor`` found something broken or ``export`` a
+    decision that differs, 2 refused, 130 interrupted.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:

@@ -71,10 +71,8 @@ def review(
     """
     under_way = ~memory.due
     done = under_way & reached(settings, memory.goal, percept)
-    limit = round(settings.time_limit * decision_frequency)
-    given_up = under_way & ~done & (memory.age >= limit)
-    lifetime = {"critic": limit, "timestep": decision_frequency, "decision": 1}[renewal]
-    due = memory.due | done | (memory.age >= lifetime)
+    given_up = under_way & ~done & (memory.age >= _limit(settings, decision_frequency))
+    due = memory.due | done | (memory.age >= lifetime(settings, decision_frequency, renewal))
     return GoalMemory(
         goal=memory.goal,
         age=memory.age,
@@ -82,6 +80,17 @@ def review(
         ended=memory.ended + (done | given_up),
         timed_out=memory.timed_out + given_up,
     )
+
+
+def lifetime(settings: GoalSettings, decision_frequency: int, renewal: str) -> int:
+    """Decisions after which a goal that was not reached is replaced; ``renewal`` as in `review`."""
+    limit = _limit(settings, decision_frequency)
+    return {"critic": limit, "timestep": decision_frequency, "decision": 1}[renewal]
+
+
+def _limit(settings: GoalSettings, decision_frequency: int) -> int:
+    """Decisions after which a goal counts as given up."""
+    return round(settings.time_limit * decision_frequency)
 
 
 def renew(

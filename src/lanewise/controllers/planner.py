@@ -41,7 +41,7 @@ def act(settings: PlannerSettings, driving: DrivingSettings, goal: Goal, percept
     slower or faster, which shifts the lateral quantum where it would straddle the lane's centre),
     the sum of the offset, heading and speed costs.
     """
-    turns, trims, trim_steps = _candidates(settings.preview)
+    turns, trims, trim_steps = candidates(settings.preview)
     trim = jnp.asarray(trims, percept.speed.dtype)
     offset = percept.y - percept.road.centre[goal.lane]
     offset, heading, speed = (
@@ -116,7 +116,7 @@ def _preview(
     )
 
 
-def _candidates(preview: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def candidates(preview: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What the preview compares, one row each.
 
     All steering sequences, plain or trimmed in their first decision. Besides, where the preview

@@ -15,6 +15,7 @@ FEATURES = {
     "report": "pictures, clips, report pages",
     "highway": "tests and environment in the real highway-env",
     "tensorboard": "TensorBoard's events, train --tensorboard",
+    "onnx": "export to ONNX",
     "cuda13": "NVIDIA GPUs",
 }
 """By extra, what it is for; the first needs none."""

@@ -1,0 +1,242 @@
+"""An exported policy beside the controller it comes from, decision by decision.
+
+The controller drives; the exported policy is shown the same, carries its own memory, and must
+choose the same. Where it does not, it is counted, and goes on with the controller's memory.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from lanewise.controllers import controller as controllers
+from lanewise.controllers.controller import Controller, Memory, Parameters, Trace
+from lanewise.controllers.levels import TwoLevelMemory
+from lanewise.controllers.single_level import SingleLevel
+from lanewise.driving import episode
+from lanewise.driving.percept import Percept
+from lanewise.evaluation import drive
+from lanewise.evaluation.drive import TestCourse
+from lanewise.export.numpy_policy import START, Ego
+from lanewise.runs.trained import Trained
+from lanewise.training import recipe
+from lanewise.world.state import World
+
+TIE = 1e-4
+"""Two Q-values nearer than this are within float32's rounding of each other."""
+
+Step = Callable[[Any, Ego | None, Any], tuple[Any, Any, Any]]
+"""As `numpy_policy.Policy.step`."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Decision:
+    """One decision of the controller: what it saw, did and kept. [T, B] after a drive."""
+
+    features: Any
+    """[26]."""
+    ego: Ego
+    """In SI units."""
+    action: Any
+    """int32 []."""
+    memory: dict[str, Any]
+    """Afterwards, in the parts of an exported policy."""
+    values: dict[str, Any]
+    """Q-values by level."""
+    ready: dict[str, Any]
+    """bool [] by level, whether its choice counted."""
+    live: Any
+    """bool [] whether the episode was still under way."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How often an exported policy decided as its controller did."""
+
+    states: int = 0
+    """Decisions compared."""
+    same: int = 0
+    """Of those, with the same action and the same memory afterwards."""
+    tied: int = 0
+    """Others, where the two best Q-values differ by less than `TIE`."""
+    different: int = 0
+    """All others."""
+    largest_difference: float = 0.0
+    """Between two Q-values that should be equal."""
+    actions: frozenset[int] = frozenset()
+    """Which actions were chosen."""
+
+    def __add__(self, other: "Agreement") -> "Agreement":
+        """Of both together."""
+        return Agreement(
+            self.states + other.states,
+            self.same + other.same,
+            self.tied + other.tied,
+            self.different + other.different,
+            max(self.largest_difference, other.largest_difference),
+            self.actions | other.actions,
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain data."""
+        return asdict(self) | {"actions": sorted(self.actions)}
+
+    def __str__(self) -> str:
+        """One line."""
+        return (
+            f"{self.states} decisions: {self.same} the same, {self.tied} tied, "
+            f"{self.different} different; Q-values differ by {self.largest_difference:.1e} at most"
+        )
+
+
+def agreement(
+    trained: Trained,
+    step: Step,
+    states: int,
+    seed: int = 0,
+    renewal: str | None = None,
+    done: Callable[[int], None] = lambda count: None,
+) -> Agreement:
+    """Compare an exported policy with its controller, which drives from training starts.
+
+    Args:
+        trained: the controller.
+        step: the exported policy's.
+        states: decisions to compare, at least.
+        seed: of the starts.
+        renewal: when goals are renewed, as it was exported.
+        done: told now and then how many are done.
+    """
+    course = recipe.test_course(trained.settings, trained.name, renewal)
+    total = Agreement()
+    for decisions in drives(replace(course, split="training"), trained.parameters, seed):
+        total += compare(step, decisions)
+        done(min(total.states, states))
+        if total.states >= states:
+            break
+    return total
+
+
+def drives(course: TestCourse, parameters: Parameters, seed: int) -> Iterator[Decision]:
+    """The greedy controller's decisions from each block of starts, [T, B]."""
+    first = 0
+    while True:
+        worlds = drive.start_block(course, seed, first)
+        decisions: Decision = jax.device_get(_drive(course, parameters, worlds))
+        yield decisions
+        first += drive.BLOCK
+
+
+@partial(jax.jit, static_argnums=0)
+def _drive(course: TestCourse, parameters: Parameters, worlds: World) -> Decision:
+    """All episodes of a block, [T, B]."""
+
+    def decide(carry: Any, _: None) -> tuple[Any, Decision]:
+        state, memory, over = carry
+        seen = drive.look(course, state)
+        action, memory, traces = controllers.act(course.controller, parameters, memory, seen)
+        state, outcome = episode.step(course.driving, state, action, course.duration)
+        made = decision(course.controller, seen, action, memory, traces, ~over)
+        return (state, memory, over | outcome.terminated), made
+
+    def one(world: World) -> Decision:
+        carry = (*drive.begin(course, world), jnp.bool_(False))
+        made: Decision = jax.lax.scan(decide, carry, length=course.duration)[1]
+        return made
+
+    along_time: Decision = jax.vmap(one, out_axes=1)(worlds)
+    return along_time
+
+
+def decision(
+    controller: Controller,
+    seen: Percept,
+    action: Array,
+    memory: Memory,
+    traces: dict[str, Trace],
+    live: Array,
+) -> Decision:
+    """What there is to compare of a decision; lanes that are absent have infinite centres."""
+    centres = jnp.where(seen.road.present, seen.road.centre, jnp.inf)
+    return Decision(
+        features=seen.features,
+        ego=Ego(seen.y, seen.heading, seen.speed, centres),
+        action=action,
+        memory=_exported(controller, memory),
+        values={name: trace.values for name, trace in traces.items()},
+        ready={name: trace.ready for name, trace in traces.items()},
+        live=live,
+    )
+
+
+def _exported(controller: Controller, memory: Memory) -> dict[str, Array]:
+    """A controller's memory in the parts of an exported policy's."""
+    if isinstance(memory, TwoLevelMemory):
+        goal = memory.goal
+        return {
+            "begins": goal.due,
+            "goal_lane": goal.goal.lane,
+            "goal_speed": goal.goal.speed,
+            "age": goal.age,
+        }
+    if isinstance(controller, SingleLevel) and controller.hold == 1:
+        return {}
+    return {"held": memory.action, "age": memory.age}
+
+
+def compare(step: Step, decisions: Decision) -> Agreement:
+    """Show an exported policy what the controller saw, [T, B]."""
+    total = Agreement()
+    length, batch = decisions.action.shape
+    start = next(part for part in START.values() if part.keys() == decisions.memory.keys())
+    memory = {name: np.full(batch, value, value.dtype) for name, value in start.items()}
+    for number in range(length):
+        made: Decision = jax.tree.map(lambda leaf, n=number: leaf[n], decisions)
+        ego = made.ego if "begins" in start else None
+        action, after, values = step(made.features, ego, memory)
+        same = _same(made, action, after)
+        total += _counted(made, same, values)
+        memory = {
+            name: np.where(same, part, made.memory[name]).astype(part.dtype)
+            for name, part in after.items()
+        }
+    return total
+
+
+def _same(made: Decision, action: Any, memory: Any) -> NDArray[np.bool_]:
+    """Whether action and memory are the controller's, [B]; speeds up to rounding."""
+    same = np.asarray(action == made.action)
+    for name, part in memory.items():
+        same &= np.abs(part.astype(np.float64) - made.memory[name]) < TIE
+    return same
+
+
+def _counted(made: Decision, same: NDArray[np.bool_], values: Any) -> Agreement:
+    """The agreement of one decision of a batch."""
+    live, tied = made.live, np.zeros_like(same)
+    for name, ours in reversed(made.values.items()):
+        rows = np.arange(len(ours))
+        best, other = np.argmax(ours, axis=1), np.argmax(values[name], axis=1)
+        gap = ours[rows, best] - ours[rows, other]
+        # The level that chose first explains what follows from it.
+        tied = np.where(made.ready[name] & (best != other), gap < TIE, tied)
+    agreed = live & same
+    largest = max(
+        (float(np.abs(values[name] - ours)[agreed].max(initial=0.0)))
+        for name, ours in made.values.items()
+    )
+    return Agreement(
+        states=int(live.sum()),
+        same=int(agreed.sum()),
+        tied=int((live & ~same & tied).sum()),
+        different=int((live & ~same & ~tied).sum()),
+        largest_difference=largest,
+        actions=frozenset(made.action[live].tolist()),
+    )

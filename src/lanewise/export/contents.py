@@ -1,0 +1,103 @@
+"""What an exported policy holds: all that its decisions depend on, as plain data and arrays."""
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lanewise.controllers import goal_critic, goals, planner
+from lanewise.controllers.controller import Parameters
+from lanewise.controllers.hierarchical import Hierarchical
+from lanewise.controllers.planned import Planned
+from lanewise.controllers.single_level import SingleLevel
+from lanewise.driving.settings import DrivingSettings
+from lanewise.export.numpy_policy import FORMAT, VERSION, Policy
+from lanewise.runs.trained import Trained
+from lanewise.training import recipe
+from lanewise.version import __version__
+
+
+def policy(trained: Trained, digest: str, renewal: str | None = None) -> Policy:
+    """A trained controller as a NumPy policy.
+
+    Args:
+        trained: the controller.
+        digest: of its run's settings, to know it by.
+        renewal: when goals are renewed, None as the run's settings say.
+
+    Raises:
+        ValueError: it is a reference driver, which has no policy.
+    """
+    driving = trained.settings.driving
+    about: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "lanewise": __version__,
+        "controller": trained.name,
+        "seed": trained.seed,
+        "settings_digest": digest,
+        "decision_frequency": driving.decision_frequency,
+        "actions": asdict(driving.actions),
+        "observation": asdict(driving.observation),
+        "levels": {name: len(layers) for name, layers in trained.parameters.items()},
+    }
+    arrays = _weights(trained.parameters)
+    match recipe.test_course(trained.settings, trained.name, renewal).controller:
+        case SingleLevel(hold=hold):
+            about |= {"memory": "none" if hold == 1 else "held-action", "hold": hold}
+        case Hierarchical() as controller:
+            about |= _of_goals(controller)
+        case Planned() as controller:
+            about |= _of_goals(controller) | {"planner": _of_planner(driving)}
+            arrays |= _candidates(controller.planner.preview)
+        case _:
+            raise ValueError(f"{trained.name} has no policy")
+    return Policy(about, arrays)
+
+
+def _weights(parameters: Parameters) -> dict[str, NDArray[np.float32]]:
+    """Weights [inputs, outputs] and biases [outputs] of each level's layers."""
+    return {
+        f"{level}/{number}/{name}": np.asarray(array, np.float32)
+        for level, layers in parameters.items()
+        for number, layer in enumerate(layers)
+        for name, array in zip(("weights", "biases"), layer, strict=True)
+    }
+
+
+def _of_goals(controller: Hierarchical | Planned) -> dict[str, Any]:
+    """What goals depend on."""
+    settings, frequency = controller.goals, controller.driving.decision_frequency
+    described = {
+        name: getattr(settings, name)
+        for name in (
+            *("lowest_speed", "highest_speed", "speed_step"),
+            *("lateral_tolerance", "speed_tolerance", "reference"),
+        )
+    }
+    described |= {
+        "moves": goals.ACTION_SETS[settings.action_set],
+        "renewal": controller.renewal,
+        "lifetime": goal_critic.lifetime(settings, frequency, controller.renewal),
+    }
+    return {"memory": "goal", "goals": described}
+
+
+def _of_planner(driving: DrivingSettings) -> dict[str, Any]:
+    """What the planner knows about the car."""
+    return asdict(driving.actions) | {
+        "ticks": driving.ticks_per_decision,
+        "tick": driving.tick_duration,
+        "decision": driving.decision_duration,
+    }
+
+
+def _candidates(preview: int) -> dict[str, NDArray[Any]]:
+    """The sequences that the planner compares."""
+    turns, trims, trim_steps = planner.candidates(preview)
+    return {
+        "planner/turns": turns.astype(np.float32),
+        "planner/trims": trims.astype(np.float32),
+        "planner/trim_steps": trim_steps.astype(np.int64),
+    }

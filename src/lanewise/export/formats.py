@@ -1,0 +1,63 @@
+"""The files a policy can be exported to, by the ending of their name. Imports no JAX."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lanewise.errors import LanewiseError
+from lanewise.export import numpy_policy, onnx_models, onnx_runtime
+from lanewise.export.numpy_policy import Policy
+
+if TYPE_CHECKING:
+    from lanewise.export.check import Step
+
+NUMPY, ONNX = ".npz", ".onnx"
+
+
+def check(path: Path, reading: bool) -> None:
+    """Whether a policy can be written to ``path``, and read again if ``reading``.
+
+    Raises:
+        LanewiseError: the ending is unknown, something is there already, or a package is missing.
+    """
+    if path.suffix not in (NUMPY, ONNX):
+        raise LanewiseError(f"--out must end in {ONNX}, or in {NUMPY} for NumPy, got {path}")
+    if path.exists() or path.is_symlink():
+        raise LanewiseError(f"{path} is there already; nothing is overwritten")
+    if path.suffix == ONNX:
+        onnx_models()
+        if reading:
+            onnx_runtime()
+
+
+def save(policy: Policy, path: Path) -> None:
+    """Write a policy.
+
+    Raises:
+        LanewiseError: the file cannot be written.
+    """
+    if path.suffix == ONNX:
+        onnx_models().save(policy, path)
+        return
+    from lanewise.report import files
+
+    # NumPy stores a text as an array of characters, which is read without pickle.
+    about = np.asarray(json.dumps(policy.about))
+    with files.replacing(path) as beside:
+        np.savez(beside, about=about, **policy.arrays)
+
+
+def step(path: Path) -> "Step":
+    """The decision of a policy that was written, as `Policy.step`.
+
+    Raises:
+        LanewiseError: onnxruntime is not installed.
+        OSError: the file cannot be read.
+        ValueError: it holds no policy.
+    """
+    if path.suffix == ONNX:
+        found: Step = onnx_models().Session(path).step
+        return found
+    return numpy_policy.load(path).step

@@ -1,0 +1,132 @@
+"""A policy as one ONNX model, recorded from its own NumPy arithmetic."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+from onnx import ModelProto, ValueInfoProto, helper
+
+from lanewise.export import onnx_runtime
+from lanewise.export.numpy_policy import FEATURE_COUNT, START, Ego, Memory, Policy
+from lanewise.export.recording import Graph, Value
+from lanewise.report import files
+
+OPSET, IR_VERSION = 18, 8
+"""Of ONNX 1.13 (2022), which runtimes since then read."""
+BATCH = "batch"
+FEATURES = "features"
+VALUES = "_values"
+"""Ending of the outputs with a level's Q-values."""
+NEXT = "next_"
+"""Prefix of the outputs that the next decision takes as its memory."""
+SHAPES: dict[str, list[Any]] = {
+    FEATURES: [BATCH, FEATURE_COUNT],
+    "lane_centres": [BATCH, "lanes"],
+}
+"""Of what is not [batch]."""
+MEANINGS = {
+    FEATURES: "the 26 features of Lanewise's observation",
+    "y": "m across the road, positive to the right",
+    "heading": "rad from the road's direction, positive to the right",
+    "speed": "m/s along the heading",
+    "lane_centres": "y of each lane's centre, m, from left to right; +inf where there is none",
+    "begins": "whether this is an episode's first decision: there is no goal yet",
+    "goal_lane": "target lane, from 0, the leftmost",
+    "goal_speed": "target speed, m/s",
+    "held": "action being held",
+    "age": "decisions since the last choice",
+    "action": "3 (acceleration + 1) + (steering + 1), signs -1, 0, 1, positive to the right",
+}
+
+
+def model(policy: Policy) -> ModelProto:
+    """The ONNX model of a policy; its outputs are those of `Policy.step`.
+
+    Inputs: ``features``; for a controller with goals ``y``, ``heading``, ``speed`` and
+    ``lane_centres``; then each part of the memory. Outputs: ``action``, the memory for the next
+    decision with the prefix ``next_``, and ``LEVEL_values``, the Q-values.
+    """
+    graph = Graph()
+    names = [FEATURES, *(Ego._fields if policy.has_goals else ())]
+    seen = {name: Value(graph, name, np.float32) for name in names}
+    start = START[policy.about["memory"]]
+    memory = {name: Value(graph, name, value.dtype) for name, value in start.items()}
+    features, *ego = seen.values()
+    action, after, values = policy.step(features, Ego(*ego) if ego else None, memory)
+
+    outputs = {"action": action} | {NEXT + name: part for name, part in after.items()}
+    outputs |= {level + VALUES: value for level, value in values.items()}
+    for name, value in outputs.items():
+        graph.add("Identity", [value.name], value.dtype, output=name)
+    shapes = SHAPES | {
+        level + VALUES: [BATCH, len(policy.arrays[f"{level}/{layers - 1}/biases"])]
+        for level, layers in policy.about["levels"].items()
+    }
+    drawn = helper.make_graph(
+        graph.nodes,
+        policy.about["controller"],
+        [_described(name, value, shapes) for name, value in (seen | memory).items()],
+        [_described(name, value, shapes) for name, value in outputs.items()],
+        graph.constants,
+    )
+    made = helper.make_model(
+        drawn,
+        producer_name="lanewise",
+        producer_version=policy.about["lanewise"],
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+    )
+    told = {name: str(policy.about[name]) for name in ("controller", "seed", "settings_digest")}
+    helper.set_model_props(made, told | {"about": json.dumps(policy.about)})
+    return made
+
+
+def save(policy: Policy, path: Path) -> None:
+    """Write a policy's model, once the checker has passed it.
+
+    Raises:
+        LanewiseError: the file cannot be written.
+    """
+    made = model(policy)
+    onnx.checker.check_model(made, full_check=True)
+    with files.replacing(path) as beside:
+        beside.write_bytes(made.SerializeToString(deterministic=True))
+
+
+def _described(name: str, value: Value, shapes: dict[str, list[Any]]) -> ValueInfoProto:
+    """Type, shape and meaning of an input or output."""
+    kind = helper.np_dtype_to_tensor_dtype(value.dtype)
+    meaning = MEANINGS.get(name.removeprefix(NEXT), "Q-values of the level's choices")
+    return helper.make_tensor_value_info(name, kind, shapes.get(name, [BATCH]), meaning)
+
+
+class Session:
+    """A written model under onnxruntime, with the `step` of a `Policy`."""
+
+    def __init__(self, path: Path) -> None:
+        """Open a model.
+
+        Raises:
+            LanewiseError: onnxruntime is not installed.
+        """
+        self._session = onnx_runtime().InferenceSession(path, providers=["CPUExecutionProvider"])
+        self._outputs = [output.name for output in self._session.get_outputs()]
+
+    def step(
+        self, features: Any, ego: Ego | None, memory: Memory
+    ) -> tuple[Any, Memory, dict[str, Any]]:
+        """As `Policy.step`."""
+        inputs = {FEATURES: features} | (ego._asdict() if ego else {}) | memory
+        found = dict(zip(self._outputs, self._session.run(None, inputs), strict=True))
+        after = {name: found[NEXT + name] for name in memory}
+        return (
+            found["action"],
+            after,
+            {
+                name.removesuffix(VALUES): value
+                for name, value in found.items()
+                if name.endswith(VALUES)
+            },
+        )

@@ -1,0 +1,91 @@
+"""``lanewise export``: what it writes, checks and refuses."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from lanewise.cli import main
+from lanewise.evaluation import drive
+from lanewise.export import check, numpy_policy
+from lanewise.export.check import Agreement
+
+FLAT = "pretrained/single-level"
+
+
+def refusal(capsys, *words):
+    assert main(["export", *map(str, words)]) == 2
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) <= 2
+    return said
+
+
+def test_the_written_file_is_compared_with_the_controller(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(drive, "BLOCK", 4)
+    for ending in ("npz", "onnx"):
+        out = tmp_path / f"policy.{ending}"
+        assert main(["export", FLAT, "--out", str(out), "--check", "150", "--json"]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert (found["controller"], found["out"]) == ("single-level", str(out))
+        assert found["check"]["same"] == found["check"]["states"] >= 150
+
+
+def test_a_difference_is_an_exit_code(tmp_path, capsys, monkeypatch):
+    made = Agreement(states=10, same=8, tied=1, different=1, largest_difference=0.5)
+    monkeypatch.setattr(check, "agreement", lambda *given: made)
+    assert main(["export", FLAT, "-o", str(tmp_path / "a.npz"), "--check", "5"]) == 1
+    assert "10 decisions: 8 the same, 1 tied, 1 different" in capsys.readouterr().out
+
+
+def test_goals_may_be_renewed_otherwise(tmp_path):
+    out = tmp_path / "policy.npz"
+    words = ["export", "pretrained/hierarchical", "--out", str(out), "--renewal", "critic"]
+    assert main(words) == 0
+    goals = numpy_policy.load(out).about["goals"]
+    assert (goals["renewal"], goals["lifetime"]) == ("critic", 6)
+
+
+@pytest.mark.parametrize("name", ["rule-based", "search"])
+def test_reference_drivers_are_no_policies(name, tmp_path, capsys):
+    said = refusal(capsys, f"reference/{name}", "--out", tmp_path / "a.onnx")
+    assert f"reference/{name} cannot be exported: it" in said
+
+
+def test_nothing_is_overwritten(tmp_path, capsys):
+    out = tmp_path / "a.npz"
+    out.write_text("mine")
+    assert "nothing is overwritten" in refusal(capsys, FLAT, "--out", out)
+    assert out.read_text() == "mine"
+
+
+def test_other_refusals(tmp_path, capsys):
+    assert "--out must end in" in refusal(capsys, FLAT, "--out", tmp_path / "a.pt")
+    assert "missing --out" in refusal(capsys, FLAT)
+    out = tmp_path / "a.npz"
+    assert "has no goals" in refusal(capsys, FLAT, "--out", out, "--renewal", "critic")
+    assert str(tmp_path) in refusal(capsys, tmp_path / "none", "--out", out)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("package", "words", "advice"),
+    [
+        ("onnx", (), 'pip install "lanewise[onnx]"'),
+        ("onnxruntime", ("--check", "5"), "pip install onnxruntime"),
+    ],
+)
+def test_a_missing_package(package, words, advice, tmp_path, capsys, monkeypatch):
+    for name in ("onnx_model", "recording"):
+        monkeypatch.delitem(sys.modules, f"lanewise.export.{name}", raising=False)
+        monkeypatch.delattr(f"lanewise.export.{name}", raising=False)
+    monkeypatch.setitem(sys.modules, package, None)
+    assert advice in refusal(capsys, FLAT, "--out", tmp_path / "a.onnx", *words)
+    assert not list(tmp_path.iterdir())
+
+
+def test_numpy_files_hold_no_code(tmp_path):
+    out = tmp_path / "a.npz"
+    assert main(["export", FLAT, "--out", str(out)]) == 0
+    with np.load(out, allow_pickle=False) as file:
+        assert all(file[name].dtype.kind in "fU" for name in file.files)

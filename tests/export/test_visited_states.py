@@ -1,0 +1,67 @@
+"""Ten thousand visited states of every controller: exported policies decide the same."""
+
+import importlib.util
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lanewise.cli import main
+from lanewise.export import numpy_policy
+
+ROOT = Path(__file__).parents[2]
+
+
+def agreed(comparisons):
+    """Whether no decision differs, not even by a tie, in all nine cases and both formats."""
+    assert len(comparisons) == 18
+    for each in comparisons:
+        assert each["states"] >= 10_000, each
+        assert each["same"] == each["states"], each
+        assert each["largest_difference"] < 1e-4, each
+
+
+def test_stored():
+    comparisons = json.loads((ROOT / "results" / "export.json").read_text())["comparisons"]
+    agreed(comparisons)
+    page = (ROOT / "docs" / "usage.md").read_text()
+    assert f"Of {sum(each['states'] for each in comparisons) // 2:,} decisions" in page
+    assert f"by {max(each['largest_difference'] for each in comparisons):.1e} at most" in page
+
+
+@pytest.mark.slow
+def test_measured():
+    place = ROOT / "benchmarks" / "export.py"
+    spec = importlib.util.spec_from_file_location("export_benchmark", place)
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    # Another seed than that of the stored result, so that these are other states.
+    agreed(script.measure(10_000, seed=1))
+
+
+@pytest.mark.slow
+def test_the_examples_run(tmp_path):
+    page = (ROOT / "docs" / "usage.md").read_text()
+    section = re.search(r"^## An exported policy$(.*?)^## ", page, re.DOTALL | re.MULTILINE)[1]
+    examples = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+    assert len(examples) == 2
+    shutil.copy(numpy_policy.__file__, tmp_path / "numpy_policy.py")
+    for ending in ("npz", "onnx"):
+        out = tmp_path / f"policy.{ending}"
+        assert main(["export", "pretrained/hierarchical", "--out", str(out)]) == 0
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", example + end],
+            capture_output=True,
+            text=True,
+            check=True,
+            cwd=tmp_path,
+        ).stdout.strip()
+        for example, end in zip(examples, ('print(info["is_success"])', ""), strict=True)
+    ]
+    assert said[0] == "True"
+    assert said[1].strip("[]").isdigit()
