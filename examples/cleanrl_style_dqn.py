@@ -55,7 +55,12 @@ def train(steps: int, seed: int) -> nn.Module:
     return online
 
 
-def learn(online: nn.Module, target: nn.Module, optimiser: torch.optim.Optimizer, batch) -> None:
+def learn(
+    online: nn.Module,
+    target: nn.Module,
+    optimiser: torch.optim.Optimizer,
+    batch: list[torch.Tensor],
+) -> None:
     """One update of double DQN; the target network follows slowly."""
     seen, actions, rewards, following, terminated = batch
     with torch.no_grad():

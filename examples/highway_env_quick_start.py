@@ -19,13 +19,13 @@ def drive(name: str, steps: int, seed: int) -> list[float]:
     """The rewards of so many decisions, the same ones in every environment."""
     env = gymnasium.make(name)
     env.action_space.seed(seed)
-    observation, info = env.reset(seed=seed)
+    env.reset(seed=seed)
     rewards = []
     for _ in range(steps):
-        observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        _, reward, terminated, truncated, _ = env.step(env.action_space.sample())
         rewards.append(float(reward))
         if terminated or truncated:
-            observation, info = env.reset()
+            env.reset()
     env.close()
     return rewards
 

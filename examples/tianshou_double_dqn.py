@@ -27,7 +27,7 @@ ENVIRONMENTS = 8
 def train(steps: int, seed: int) -> DiscreteQLearningPolicy:
     """The policy after so many goals."""
     torch.manual_seed(seed)
-    np.random.seed(seed)  # noqa: NPY002 - Tianshou explores with it
+    np.random.seed(seed)  # Tianshou explores with it
     torch.set_num_threads(1)  # networks this small only wait for one another in several
     envs = DummyVectorEnv(
         [lambda: gymnasium.make("lanewise/TrapGoal-v0", duration=60.0)] * ENVIRONMENTS
@@ -45,7 +45,8 @@ def train(steps: int, seed: int) -> DiscreteQLearningPolicy:
         is_double=True,
         huber_loss_delta=1.0,
     )
-    collector = Collector(policy, envs, VectorReplayBuffer(50_000, ENVIRONMENTS))
+    replay = VectorReplayBuffer(50_000, ENVIRONMENTS)
+    collector = Collector(policy, envs, replay, exploration_noise=True)
     collector.reset()
     algorithm.run_training(
         OffPolicyTrainerParams(

@@ -151,7 +151,7 @@ def _ours(
 def _course(actions: str, settings: dict[str, Any]) -> OutsideCourse:
     """The test with these settings and the controller that takes the choices.
 
-    The policy's name stays out of it: the course is static, and another name would be compiled anew.
+    The policy's name stays out of it: the course is static, another name would be compiled anew.
     """
     given: dict[str, Any] = {"split": "test"} | settings
     task = functional.make(actions, **given)
