@@ -1,4 +1,4 @@
-"""Fill the results of ``README.md`` and write ``docs/results.md`` from the stored result files.
+"""Fill the tables of three pages and write ``docs/results.md`` from the stored result files.
 
 python docs/make_results.py
 """
@@ -18,10 +18,13 @@ from lanewise.report.arms import ArmFigures
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "results"
 BEGIN, END = "<!-- results -->", "<!-- /results -->"
+EXAMPLES = ("<!-- examples -->", "<!-- /examples -->")
 MEASURED = "<!-- measured -->"
 STANDARD, PAPER = "standard/report.json", "paper/report.json"
 READINGS, BENCH = "readings/report.json", "bench.json"
 MAP = "ranges/wide/map.json"
+OUTSIDE, BRIEFLY = "outside", "outside/brief"
+"""Folders of other learners' tests: trained for long, and as the examples come."""
 WORLDS = {"lanewise": "here", "highway-env": "in the real highway-env"}
 HEADLINE = (
     *("planned", "hierarchical", "h-dqn"),
@@ -45,25 +48,26 @@ Rows = list[dict[str, Any]]
 
 
 def main() -> None:
-    """Write both files."""
+    """Write every file."""
     for path, text in pages().items():
         path.write_text(text)
 
 
 def pages() -> dict[Path, str]:
-    """What the two files must hold."""
+    """What each file must hold."""
     standard = _read(STANDARD)
     readme = ROOT / "README.md"
-    head, rest = readme.read_text().split(BEGIN)
-    tail = rest.split(END)[1]
-    summary = (
-        _summary(standard, _read(PAPER)) + "\n" + _beyond(_read(MAP)) + "\n" + _speed(_read(BENCH))
+    parts = (
+        *(_summary(standard, _read(PAPER)), _outside(standard, _each(OUTSIDE))),
+        *(_beyond(_read(MAP)), _speed(_read(BENCH))),
     )
+    examples = ROOT / "examples" / "README.md"
     speed = ROOT / "docs" / "speed.md"
     before, after = (part for part in speed.read_text().split(MEASURED)[::2])
     return {
-        readme: head + BEGIN + "\n\n" + summary + "\n" + END + tail,
+        readme: _between(readme.read_text(), BEGIN, END, "\n".join(parts)),
         speed: before + MEASURED + "\n\n" + _every_speed(_read(BENCH)) + "\n" + MEASURED + after,
+        examples: _between(examples.read_text(), *EXAMPLES, _briefly(_each(BRIEFLY))),
         ROOT / "docs" / "results.md": _details(standard)
         + _paper(_read(PAPER))
         + _readings(_read(READINGS)),
@@ -72,6 +76,17 @@ def pages() -> dict[Path, str]:
 
 def _read(name: str) -> Any:
     return json.loads((RESULTS / name).read_text())
+
+
+def _each(folder: str) -> list[Any]:
+    """The files of a folder, by name."""
+    return [json.loads(path.read_text()) for path in sorted((RESULTS / folder).glob("*.json"))]
+
+
+def _between(page: str, begin: str, end: str, text: str) -> str:
+    """A page with the text between its marks replaced."""
+    head, rest = page.split(begin)
+    return head + begin + "\n\n" + text + "\n" + end + rest.split(end)[1]
 
 
 def _figures(report: Any) -> list[ArmFigures]:
@@ -160,6 +175,66 @@ def _is_it_the_hierarchy(report: Any) -> str:
         f"{len(escaping['single-level-5-step'])} with 5-step returns. The search shows what "
         f"there is to earn: {mean(reward['search']):.2f}."
     )
+
+
+def _outside(report: Any, stored: list[Any]) -> str:
+    """Learners of other libraries in the test table, beside ours and chance."""
+    ours = ("hierarchical", "single-level")
+    names = [arm["name"] for arm in report["arms"]]
+    chosen = zip(names, _figures(report), strict=True)
+    arms = [figures for name, figures in chosen if name in ours]
+    arms += [_learner(each) for each in stored]
+    for each in stored:
+        kind = "goals" if each["unit"] == "goals" else "low-level actions"
+        arms.append(_tested(f"random {kind}", each, "random"))
+    lines = [
+        "**Other people's learners on the trap**: agents of other libraries, trained in our "
+        "Gymnasium environments and tested alike, here:",
+        "",
+        tables.tests(arms, "lanewise"),
+    ]
+    for each in stored:
+        minutes = mean(seed["seconds"] for seed in each["seeds"]) / 60
+        lines.append(
+            f"- {each['title']}: `{each['command']}` ({each['date'][:10]}, {_learnt_with(each)}; "
+            f"{minutes:.1f} minutes a seed, tests included, on {_machine(each)}, which did other "
+            "work too)"
+        )
+    return "\n".join([*lines, "", "The learners are short files in [examples](examples)."]) + "\n"
+
+
+def _briefly(stored: list[Any]) -> str:
+    """The examples as they come, one row each."""
+    lines = [
+        "| file | learns with | budget | reward | random | success, % | accidents, % |",
+        "|---|---|---:|---:|---:|---:|---:|",
+    ]
+    for each in stored:
+        (seed,) = each["seeds"]
+        learnt, random = (Summary.from_json(seed[who]) for who in ("learnt", "random"))
+        cells = [
+            *(f"[{each['example']}.py]({each['example']}.py)", _learnt_with(each)),
+            *(f"{each['steps']:,} {each['unit']}", f"{learnt.values['accumulated_reward']:.2f}"),
+            f"{random.values['accumulated_reward']:.2f}",
+            *(f"{100 * learnt.values[name]:.1f}" for name in ("success_rate", "accident_rate")),
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _learner(stored: Any) -> ArmFigures:
+    return _tested(f"{stored['title']}, {stored['steps']:,} {stored['unit']}", stored, "learnt")
+
+
+def _tested(title: str, stored: Any, who: str) -> ArmFigures:
+    """A row of the test table from a stored file of `examples/record.py`."""
+    tests = [Summary.from_json(seed[who]) for seed in stored["seeds"]]
+    seeds = [seed["seed"] for seed in stored["seeds"]]
+    return ArmFigures(title, "outside", seeds, {"lanewise": tests})
+
+
+def _learnt_with(stored: Any) -> str:
+    return ", ".join(f"{name} {stored['versions'][name]}" for name in stored["learner"])
 
 
 def _beyond(found: Any) -> str:

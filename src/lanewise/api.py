@@ -1,7 +1,7 @@
 """What ``import lanewise`` offers: train with parts of one's own, test anyone's policy."""
 
 import json
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -169,7 +169,7 @@ def evaluate(
         raise SettingsError(f"episodes must be a whole number from 1 on, got {episodes!r}")
     if isinstance(policy, str | Path | Trained):
         return _ours(policy, world, episodes, seed, settings)
-    course = _course(actions, name, settings)
+    course = _course(actions, settings)
     decide = policies.decider(policy, batched, course.shape)
     driver: Any = interop.twin_of_policies() if world == "highway-env" else outside
     with Progress() as reporter:
@@ -178,7 +178,7 @@ def evaluate(
     return Evaluation(
         episodes=found,
         summary=metrics.summarise(found, controller=name, world=world),
-        _record=partial(driver.record, course, decide, seed),
+        _record=lambda index: replace(driver.record(course, decide, seed, index), controller=name),
     )
 
 
@@ -201,15 +201,18 @@ def _ours(
     )
 
 
-def _course(actions: str, name: str, settings: dict[str, Any]) -> OutsideCourse:
-    """The test with these settings and the controller that takes the choices."""
+def _course(actions: str, settings: dict[str, Any]) -> OutsideCourse:
+    """The test with these settings and the controller that takes the choices.
+
+    The policy's name stays out of it: the course is static, another name would be compiled anew.
+    """
     given: dict[str, Any] = {"split": "test"} | settings
     task = functional.make(actions, **given)
     rules = task.rules
-    controller: Any = SingleLevel(name=name)
+    controller: Any = SingleLevel()
     if isinstance(task.control, Goals):
         controller = Planned(
-            rules.driving, task.control.goals, task.control.planner, renewal="critic", name=name
+            rules.driving, task.control.goals, task.control.planner, renewal="critic"
         )
     test = TestCourse(
         task.scenario, rules.driving, controller, rules.duration, task.split, parts=rules.parts

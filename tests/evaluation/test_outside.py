@@ -12,7 +12,7 @@ import pytest
 import lanewise
 from lanewise import config
 from lanewise.errors import LanewiseError
-from lanewise.evaluation import drive, metrics
+from lanewise.evaluation import drive, metrics, outside
 from lanewise.learning import network
 from lanewise.training import recipe
 
@@ -53,6 +53,25 @@ def alike(found, expected):
 @pytest.fixture(scope="module")
 def ours():
     return drive.test(recipe.test_course(SETTINGS, "single-level"), PARAMETERS, 0, EPISODES)
+
+
+def test_observations_may_be_written_to():
+    """PyTorch warns of arrays that may not."""
+
+    def idle(seen):
+        seen += 1.0
+        return np.full(len(seen), 4)
+
+    for world in ("lanewise", "highway-env"):
+        lanewise.evaluate(idle, episodes=1, duration=1.0, world=world)
+
+
+def test_another_name_is_not_compiled_anew():
+    lanewise.evaluate(lambda seen: 4, episodes=1, duration=2.5)
+    before = outside._advance._cache_size()
+    found = lanewise.evaluate(lambda seen: 5, episodes=1, duration=2.5, name="another")
+    assert outside._advance._cache_size() == before
+    assert found.summary.controller == found.record().controller == "another"
 
 
 def one_by_one(seen):

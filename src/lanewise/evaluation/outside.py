@@ -126,7 +126,8 @@ def _block(
     """The episodes of a block, decision by decision, and what the decision paid."""
     under, seen = _begin(course, drive.start_block(course.test, seed, first))
     for number in range(course.test.duration):
-        choices = checked(course, decide(np.asarray(seen), number == 0), BLOCK)
+        # A copy, as the fetched array cannot be written to, of which PyTorch warns.
+        choices = checked(course, decide(np.array(seen), number == 0), BLOCK)
         under, seen, reward = _advance(course, under, choices)
         yield under, reward
         if np.asarray(under[2].over).all():
