@@ -189,7 +189,7 @@ def _outside(report: Any, stored: list[Any]) -> str:
         arms.append(_tested(f"random {kind}", each, "random"))
     lines = [
         "**Other people's learners on the trap**: agents of other libraries, trained in our "
-        "Gymnasium environments and tested alike, here:",
+        "environments and tested alike, here:",
         "",
         tables.tests(arms, "lanewise"),
     ]

@@ -1,7 +1,7 @@
 """Stable-Baselines3's DQN on the trap with goals as actions: a planner drives to each goal.
 
 The agent goes to `lanewise.evaluate` as it is, and gets out of the trap. It trains on episodes
-longer than the test's 25 s: whoever has waited for long escapes by chance more often.
+longer than the test's 25 s, as our own trainings do.
 
 python examples/sb3_dqn.py --steps 8000 --seed 0
 """

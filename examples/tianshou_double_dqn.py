@@ -1,7 +1,7 @@
 """Tianshou's double DQN on the trap with goals as actions: a planner drives to each goal.
 
 Tianshou collects from vector environments of its own, made of single ones. Training episodes are
-longer than the test's 25 s: whoever has waited for long escapes by chance more often.
+longer than the test's 25 s, as our own trainings do. Its collector explores only if told to.
 
 python examples/tianshou_double_dqn.py --steps 12000 --seed 0
 """
