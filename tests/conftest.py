@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+from collections.abc import Iterator
 
 import pytest
 
@@ -20,3 +21,12 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ[CACHE] = place.name
         config.add_cleanup(place.cleanup)
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def forget_programs() -> Iterator[None]:
+    """After each file let go of its compiled programs: all together they would take gigabytes."""
+    yield
+    import jax
+
+    jax.clear_caches()

@@ -102,11 +102,11 @@ def test_pictures_are_drawn_without_a_window(env):
 
 def test_a_video_runs_in_real_time(tmp_path):
     env = gymnasium.make("lanewise/Trap-v0", render_mode="rgb_array", duration=2.0)
-    env = RecordEpisodeStatistics(RecordVideo(env, str(tmp_path), disable_logger=True))
+    env = RecordEpisodeStatistics(RecordVideo(env, str(tmp_path / "videos"), disable_logger=True))
     info = drive(env, [IDLE] * 9, seed=0)[-1][4]
     env.close()
     assert info["episode"]["l"] == 4
-    frames, seconds = count_frames_and_secs(str(tmp_path / "rl-video-episode-0.mp4"))
+    frames, seconds = count_frames_and_secs(str(tmp_path / "videos" / "rl-video-episode-0.mp4"))
     assert (frames, seconds) == (5, pytest.approx(2.5))
 
 

@@ -30,10 +30,6 @@ def alike(ours, theirs, place=""):
         assert np.array_equal(ours, theirs), (place, ours, theirs)
 
 
-QUICK = {("lanewise/TrapGoal-v0", "SameStep"), ("lanewise/TrapContinuous-v0", "NextStep")}
-"""Beside all modes of the first; the other pairs are slow tests."""
-
-
 @pytest.mark.parametrize(
     ("name", "mode"),
     [
@@ -41,7 +37,7 @@ QUICK = {("lanewise/TrapGoal-v0", "SameStep"), ("lanewise/TrapContinuous-v0", "N
             name,
             mode,
             id=f"{name.partition('/')[2]}-{mode.value}",
-            marks=() if name == IDS[0] or (name, mode.value) in QUICK else pytest.mark.slow,
+            marks=() if name == IDS[0] else pytest.mark.slow,
         )
         for name in IDS
         for mode in AutoresetMode

@@ -38,6 +38,7 @@ def run(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_it_is_trained_and_tested_with_them(run):
     episodes = [r for r in metrics.read(run / "metrics.jsonl") if r["kind"] == "episode"]
     for episode in episodes:
@@ -49,6 +50,7 @@ def test_it_is_trained_and_tested_with_them(run):
     assert found.record(0).controller == "hierarchical"
 
 
+@pytest.mark.slow
 def test_it_is_not_mistaken_for_another(run, capsys, tmp_path):
     with pytest.raises(RunError, match=r"made with observe: test_own_parts\.place_and_speed; rew"):
         lanewise.evaluate(run)

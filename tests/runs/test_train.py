@@ -118,6 +118,7 @@ def test_ctrl_c_and_resume_give_the_same_bytes(tmp_path, whole, at, monkeypatch)
     assert results(path) == results(whole)
 
 
+@pytest.mark.slow
 def test_both_levels_of_h_dqn_resume_to_the_same_bytes(tmp_path, monkeypatch):
     with create(tmp_path / "whole", controller="h-dqn") as folder:
         train.train(folder, None, Quiet())

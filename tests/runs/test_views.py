@@ -73,6 +73,7 @@ def test_events_after_a_kill_hold_nothing_that_was_undone(tmp_path):
     assert not any(tag.endswith(("loss", "chunk")) for tag, *_ in found)
 
 
+@pytest.mark.slow
 def test_every_field_of_a_training_has_a_column(trained):
     for record in metrics.read(trained / "metrics.jsonl"):
         assert set(record) - {"kind"} <= set(views.COLUMNS[record["kind"]])
