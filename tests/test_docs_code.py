@@ -9,10 +9,12 @@ ROOT = Path(__file__).parents[1]
 BLOCK = re.compile(r"^```(?:python|py)\b[^\n]*\n(.*?)^```", re.DOTALL | re.MULTILINE)
 QUICK = ("algorithms.md", "trap.md")
 """Pages that take a few seconds; the others compile whole environments."""
+ELSEWHERE = ("usage.md",)
+"""Pages whose blocks want exported files, and are run by `tests/export/test_visited_states.py`."""
 PAGES = [
     pytest.param(page, id=page.name, marks=() if page.name in QUICK else pytest.mark.slow)
     for page in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
-    if BLOCK.search(page.read_text())
+    if BLOCK.search(page.read_text()) and page.name not in ELSEWHERE
 ]
 
 

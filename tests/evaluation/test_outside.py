@@ -99,6 +99,7 @@ def test_a_recurrent_agent_keeps_its_state_within_a_block_and_no_longer():
     assert all(deterministic for *_, deterministic in agent.asked)
 
 
+@pytest.mark.slow
 def test_goals():
     course = recipe.test_course(SETTINGS, "planned")
     expected = drive.test(course, PARAMETERS, 0, 40)
@@ -107,6 +108,7 @@ def test_goals():
     assert found.episodes.goals.sum() > 0
 
 
+@pytest.mark.slow
 def test_continuous_actions():
     found = lanewise.evaluate(
         lambda seen: np.zeros((len(seen), 2)), actions="continuous", episodes=5

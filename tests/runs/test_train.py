@@ -183,6 +183,7 @@ with t.create(Path(sys.argv[1])) as folder:
 """
 
 
+@pytest.mark.slow
 def test_a_hard_kill_and_resume_give_the_same_bytes(tmp_path, whole):
     path = tmp_path / "run"
     here = os.path.dirname(__file__)

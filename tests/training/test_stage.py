@@ -155,6 +155,7 @@ def two_chunks(course):
     return state, metrics
 
 
+@pytest.mark.slow
 def test_both_levels_learn_together_each_by_its_own_rules():
     state, metrics = two_chunks(h_dqn_course(exploration=ExplorationSettings(start=1.0, steps=800)))
     high, low = metrics.levels["high_level"], metrics.levels["low_level"]
