@@ -213,7 +213,7 @@ def _briefly(stored: list[Any]) -> str:
         (seed,) = each["seeds"]
         learnt, random = (Summary.from_json(seed[who]) for who in ("learnt", "random"))
         cells = [
-            *(f"[{each['example']}.py]({each['example']}.py)", _learnt_with(each)),
+            *(f"`{each['example']}.py`", _learnt_with(each)),
             *(f"{each['steps']:,} {each['unit']}", f"{learnt.values['accumulated_reward']:.2f}"),
             f"{random.values['accumulated_reward']:.2f}",
             *(f"{100 * learnt.values[name]:.1f}" for name in ("success_rate", "accident_rate")),

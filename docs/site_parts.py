@@ -23,6 +23,7 @@ REPORTS = {
     "results/ranges/wide/map.md": "reports/map",
     "results/ranges/wide-traffic/map.md": "reports/map-traffic",
     "benchmarks/README.md": "reports/benchmarks",
+    "examples/README.md": "reports/examples",
 }
 """Files beside ``docs`` that the site shows, and the pages that include them."""
 
