@@ -7,6 +7,8 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
+import lanewise  # noqa: F401  # tells Gymnasium of the environments
+
 COUNT, STEPS, SEED = 6, 90, 11
 SETTINGS = {"duration": 8.0}
 """The same in most tests, so that they share compiled programs."""
@@ -129,6 +131,8 @@ def test_mistakes():
     env = gymnasium.make_vec("lanewise/Trap-v0", 3, autoreset_mode="Disabled", duration=0.5)
     with pytest.raises(ResetNeeded):
         env.step([4, 4, 4])
+    with pytest.raises(ResetNeeded, match="all environments"):
+        env.reset(seed=5, options={"reset_mask": np.array([True, False, False])})
     env.reset(seed=[5, 6, 7])
     for wrong in ([4, 4], [4, 4, 9], [0.5, 1.0, 2.0]):
         with pytest.raises(ValueError, match="actions must be 3 of"):

@@ -90,6 +90,8 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
         super().reset(seed=seed if isinstance(seed, int) else None)
         others = dict(options or {})
         which = self._mask(others.pop("reset_mask", None))
+        if self._states is None and not which.all():
+            raise ResetNeeded("the first reset() is of all environments, without a reset_mask")
         self._starts.turn(which, seed, others)
         if self._states is None or which.all():
             self._states, found = _reset(self.task, self._starts.seeds, self._starts.indices)
@@ -298,7 +300,9 @@ def _step_and_restart(
 ) -> Stepped:
     """Restarts where the step ended the episode; its reward and its ending are still told."""
     states, found = _stepped(task, states, actions)
-    told = slice(-len(rows.FACTS), len(rows.INFO) * -1)
-    ended = found[:, told][:, 1:].any(axis=1)
+    # Reward, terminated and truncated; what stands behind them is the fresh episode's.
+    told = slice(-len(rows.FACTS), -len(rows.INFO))
+    _, terminated, truncated = found[:, told].T
+    ended = (terminated + truncated) > 0
     states, shown = _where(task, ended, states, found, seeds, following)
     return states, shown.at[:, told].set(found[:, told]), found
