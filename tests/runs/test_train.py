@@ -7,61 +7,14 @@ import subprocess
 import sys
 
 import pytest
+import small_runs
+from small_runs import Quiet, results, resume
 
-from lanewise import cli, config
+from lanewise import cli
 from lanewise.errors import RunError
-from lanewise.progress import Progress
 from lanewise.runs import files, train, trained
-from lanewise.runs.folder import RunFolder
-from lanewise.settings import STAGES
 
-STAGE = {
-    "worlds": 2,
-    "decisions": 500,
-    "duration": 12,
-    "learner.hidden": (16, 16),
-    "learner.batch_size": 8,
-    "learner.warm_up": 40,
-    "learner.replay_capacity": 300,
-}
-"""Five chunks a stage."""
-LEVEL = {name: value for name, value in STAGE.items() if name.startswith("learner.")}
-BUDGET = {name: value for name, value in STAGE.items() if name not in LEVEL}
-FLAGS = {
-    "scenario.traffic.vehicles_ahead": 0,
-    "planner.preview": 2,
-    "evaluation.duration": 4,
-    "evaluation.validation_episodes": 5,
-    "evaluation.validation_interval": 2,
-}
-for part, values in (
-    *((stage, STAGE) for stage in STAGES),
-    *(("h_dqn", BUDGET), ("h_dqn.high_level", LEVEL), ("h_dqn.low_level", LEVEL)),
-):
-    FLAGS |= {f"{part}.{name}": value for name, value in values.items()}
-RESULTS = ("controller.safetensors", "metrics.jsonl")
-
-
-class Quiet(Progress):
-    """A reporter that says nothing, remembers notes, and can break in."""
-
-    def __init__(self, at=None, action=lambda: None):
-        self.at, self.action, self.notes, self.updates, self.name = at, action, [], 0, ""
-
-    def stage(self, name, total, done=0.0):
-        self.name, self.updates = name, 0
-        self._break_in()
-
-    def update(self, done, **metrics):
-        self.updates += 1
-        self._break_in()
-
-    def note(self, text):
-        self.notes.append(text)
-
-    def _break_in(self):
-        if (self.name, self.updates) == self.at:
-            self.action()
+FLAGS = small_runs.flags(chunks=5)
 
 
 def press_ctrl_c():
@@ -69,16 +22,7 @@ def press_ctrl_c():
 
 
 def create(path, seed=4, controller="hierarchical"):
-    return RunFolder.create(path, config.compose(flags=FLAGS), controller, seed)
-
-
-def resume(path, reporter=None):
-    with RunFolder.resume(path) as folder:
-        train.train(folder, None, reporter or Quiet())
-
-
-def results(path):
-    return {name: (path / name).read_bytes() for name in RESULTS}
+    return small_runs.create(path, FLAGS, controller, seed)
 
 
 @pytest.fixture(autouse=True)
@@ -175,19 +119,20 @@ def test_a_second_ctrl_c_does_not_wait(tmp_path, whole):
 KILLED = """
 import os, sys
 sys.path.insert(0, sys.argv[2])
-import test_train as t
+import small_runs
+from lanewise.runs import train
 from pathlib import Path
-t.train.INTERVAL = 0.0
-with t.create(Path(sys.argv[1])) as folder:
-    t.train.train(folder, None, t.Quiet(("step-1", 3), lambda: os._exit(9)))
+train.INTERVAL = 0.0
+with small_runs.create(Path(sys.argv[1]), small_runs.flags(chunks=5), "hierarchical", 4) as folder:
+    train.train(folder, None, small_runs.Quiet(("step-1", 3), lambda: os._exit(9)))
 """
 
 
 @pytest.mark.slow
 def test_a_hard_kill_and_resume_give_the_same_bytes(tmp_path, whole):
     path = tmp_path / "run"
-    here = os.path.dirname(__file__)
-    killed = subprocess.run([sys.executable, "-c", KILLED, str(path), here], check=False)
+    campaigns = os.path.dirname(small_runs.__file__)
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(path), campaigns], check=False)
     assert killed.returncode == 9
     resume(path)
     assert results(path) == results(whole)

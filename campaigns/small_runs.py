@@ -1,0 +1,94 @@
+"""Trainings that take a second once compiled, for campaigns and tests that train again and again."""
+
+from lanewise import config
+from lanewise.progress import Progress
+from lanewise.runs import train
+from lanewise.runs.folder import RunFolder
+from lanewise.settings import STAGES
+
+LEVEL = {
+    "learner.hidden": (16, 16),
+    "learner.batch_size": 8,
+    "learner.warm_up": 40,
+    "learner.replay_capacity": 300,
+}
+BUDGET = {"worlds": 2, "duration": 12}
+CHUNK = 100
+"""Decisions in a chunk: 50 in each world."""
+STAGES_OF = {
+    "single-level": ("single-level",),
+    "planned": ("step-1",),
+    "hierarchical": ("step-1", "step-2"),
+    "h-dqn": ("h-dqn",),
+}
+"""Names of the stages of a training, by controller."""
+
+
+def flags(chunks: int, epsilon_chunks: int | None = None) -> dict[str, object]:
+    """Settings of a training of so many chunks a stage, by dotted name.
+
+    Args:
+        chunks: of every stage.
+        epsilon_chunks: over which epsilon falls; left as it is by default.
+    """
+    level = dict(LEVEL)
+    if epsilon_chunks is not None:
+        level["exploration.steps"] = epsilon_chunks * CHUNK
+    budget = BUDGET | {"decisions": chunks * CHUNK}
+    found: dict[str, object] = {
+        "scenario.traffic.vehicles_ahead": 0,
+        "planner.preview": 2,
+        "evaluation.duration": 4,
+        "evaluation.validation_episodes": 5,
+        "evaluation.validation_interval": 2,
+    }
+    for part, values in (
+        *((stage, budget | level) for stage in STAGES),
+        *(("h_dqn", budget), ("h_dqn.high_level", level), ("h_dqn.low_level", level)),
+    ):
+        found |= {f"{part}.{name}": value for name, value in values.items()}
+    return found
+
+
+class Quiet(Progress):
+    """A reporter that says nothing, remembers notes, and can break in.
+
+    ``at`` is (stage, chunks since the stage was begun or continued); 0 before the first.
+    """
+
+    def __init__(self, at=None, action=lambda: None):
+        self.at, self.action, self.notes, self.updates, self.name = at, action, [], 0, ""
+
+    def stage(self, name, total, done=0.0):
+        """A stage begins or goes on."""
+        self.name, self.updates = name, 0
+        self._break_in()
+
+    def update(self, done, **metrics):
+        """A chunk is done."""
+        self.updates += 1
+        self._break_in()
+
+    def note(self, text):
+        """Remember it."""
+        self.notes.append(text)
+
+    def _break_in(self):
+        if (self.name, self.updates) == self.at:
+            self.action()
+
+
+def create(path, values, controller, seed):
+    """A new run folder, locked."""
+    return RunFolder.create(path, config.compose(flags=values), controller, seed)
+
+
+def resume(path, reporter=None):
+    """Continue a run."""
+    with RunFolder.resume(path) as folder:
+        train.train(folder, None, reporter or Quiet())
+
+
+def results(path, names=("controller.safetensors", "metrics.jsonl", "episodes.csv", "chunks.csv")):
+    """The bytes of what a training leaves that must never differ."""
+    return {name: (path / name).read_bytes() for name in names}

@@ -1,0 +1,53 @@
+"""Updates are the same to the bit on any number of cores."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+UPDATES = """
+import hashlib, sys
+import jax, jax.numpy as jnp, numpy as np
+from lanewise.learning import learner
+from lanewise.learning.replay import Transition
+from lanewise.learning.settings import LearnerSettings
+rng = np.random.default_rng(0)
+for batch_size, hidden in ((64, (512, 512)), (128, (128, 128))):
+    settings = LearnerSettings(batch_size=batch_size, hidden=hidden)
+    def normal(*shape):
+        return jnp.asarray(rng.normal(size=shape), jnp.float32)
+    batch = Transition(
+        features=normal(batch_size, 28),
+        action=jnp.asarray(rng.integers(9, size=batch_size), jnp.int32),
+        reward=normal(batch_size),
+        discount=jnp.full(batch_size, 0.8, jnp.float32),
+        next_features=normal(batch_size, 28),
+    )
+    state = learner.begin(jax.random.key(0), settings, 28, 9)
+    update = jax.jit(learner.update, static_argnums=0)
+    for _ in range(3):
+        state, _ = update(settings, state, batch)
+    bits = b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(state))
+    print(hashlib.sha256(bits).hexdigest())
+"""
+
+
+def updated(threads):
+    """What three updates lead to in a process whose XLA takes the machine to have such cores."""
+    environment = os.environ | {"NPROC": str(threads)}
+    environment.pop("JAX_COMPILATION_CACHE_DIR", None)
+    command = [sys.executable, "-c", UPDATES]
+    return subprocess.run(
+        command, env=environment, capture_output=True, text=True, check=True
+    ).stdout
+
+
+@pytest.mark.parametrize("threads", [2, 8])
+def test_updates_do_not_depend_on_the_number_of_threads(threads, alone):
+    assert updated(threads) == alone
+
+
+@pytest.fixture(scope="module")
+def alone():
+    return updated(1)
