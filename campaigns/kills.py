@@ -5,8 +5,8 @@ python campaigns/kills.py --kills 300 --out results/trust/kills.json
 A child saves checkpoint after checkpoint and tells after each that it is saved.
 
 - ``signal``: it is killed at a random moment.
-- ``call``: it kills itself before, amid or after its n-th call of the system that writes, for every n
-  of a whole save, pruning included.
+- ``call``: it kills itself before, amid or after its n-th call of the system that writes, for
+  every n of a whole save, pruning included.
 - ``error``: its n-th such call fails, for every n, with each of several errors.
 - ``limit``: the system refuses to let a file grow beyond so many bytes.
 - ``full``: the files lie on a disk that is really full, where the system lets us make one.
@@ -49,7 +49,7 @@ LEFT = (0, 4096, 500_000, 1_200_000)
 
 
 def contents(number):
-    """What checkpoint ``number`` holds: sizes differ, so that no two are mistaken for each other."""
+    """What checkpoint ``number`` holds; sizes differ, so that no two are mistaken."""
     rng = np.random.default_rng(number)
     return {
         "weights": rng.normal(size=(200 + number % 7, 300)).astype(np.float32),
@@ -76,84 +76,71 @@ def newest(folder):
     return number, warning
 
 
-def _child(folder, before, pipe):
-    """Save for ever, telling after each; ``before`` is called first, to lay a trap."""
-    saved = [0]
-    trap = before(saved)
+def _child(folder, lay_trap, pipe):
+    """Save for ever, telling after each; the trap is laid after the first few."""
     for number in range(1, 10_000):
         if number == FIRST + 1:
-            trap()
+            lay_trap()
         try:
             save(folder, number)
-        except OSError as error:
-            pipe.send(("failed", number, error.errno))
+        except OSError:
             return
-        saved[0] = number
-        pipe.send(("saved", number, 0))
+        pipe.send(number)
 
 
-def run(folder, before, kill_after=None):
+def run(folder, lay_trap, kill_after=None):
     """A child that saves until it ends.
 
     Args:
         folder: where.
-        before: lays a trap in the child.
+        lay_trap: called in the child, so that something goes wrong there.
         kill_after: seconds after the first checkpoints after which it is killed, or None.
 
     Returns:
-        (number of the last checkpoint told as saved, the error it reported or 0).
+        The number of the last checkpoint told as saved.
     """
     here, there = get_context("fork").Pipe(duplex=False)
-    child = get_context("fork").Process(target=_child, args=(folder, before, there))
+    child = get_context("fork").Process(target=_child, args=(folder, lay_trap, there))
     child.start()
     there.close()
-    told, failed = 0, 0
-    deadline = None
+    told, deadline = 0, None
     try:
         while True:
             if deadline is not None and not here.poll(max(0.0, deadline - time.monotonic())):
                 os.kill(child.pid, signal.SIGKILL)
                 deadline = None
-            kind, number, code = here.recv()
-            if kind == "saved":
-                told = number
-            else:
-                failed = code
+            told = here.recv()
             if kill_after is not None and told == FIRST:
                 deadline, kill_after = time.monotonic() + kill_after, None
     except EOFError:
         child.join()
-    return told, failed
+    return told
 
 
-def no_trap(saved):
+def no_trap():
     """Nothing goes wrong by itself."""
-    return lambda: None
 
 
 def at_call(number, action):
     """A trap: ``action(call, arguments)`` in place of the n-th writing call, counted from 0."""
 
-    def before(saved):
-        def lay():
-            left = [number]
+    left = [number]
 
-            def wrap(call):
-                def wrapped(*arguments, **named):
-                    left[0] -= 1
-                    if left[0] == -1:
-                        return action(call, arguments, named)
-                    return call(*arguments, **named)
+    def wrap(call):
+        def wrapped(*arguments, **named):
+            left[0] -= 1
+            if left[0] == -1:
+                return action(call, arguments, named)
+            return call(*arguments, **named)
 
-                return wrapped
+        return wrapped
 
-            for name in CALLS:
-                setattr(files.os, name, wrap(getattr(os, name)))
-            Path.unlink = wrap(Path.unlink)
+    def lay():
+        for name in CALLS:
+            setattr(files.os, name, wrap(getattr(os, name)))
+        Path.unlink = wrap(Path.unlink)
 
-        return lay
-
-    return before
+    return lay
 
 
 def die_before(call, arguments, named):
@@ -189,14 +176,11 @@ def fail(code):
 def limited(size):
     """A trap: no file may grow beyond ``size`` bytes."""
 
-    def before(saved):
-        def lay():
-            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-            resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+    def lay():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
-        return lay
-
-    return before
+    return lay
 
 
 def calls_of_a_save(place):
@@ -206,7 +190,7 @@ def calls_of_a_save(place):
     number = 0
     while True:
         run_folder = folder / str(number)
-        told, _ = run(run_folder, at_call(number, die_before))
+        told = run(run_folder, at_call(number, die_before))
         if told > FIRST:
             return number
         number += 1
@@ -247,48 +231,45 @@ def judge(folder, told):
 
 
 def cases(place, kills, calls, rng):
-    """(kind, label, folder, last told, error) of each case, one after the other."""
+    """(kind, label, folder, last told) of each case, one after the other."""
     for number in range(kills):
         after = float(rng.uniform(0.0, 0.06))
         folder = place / f"signal-{number}"
-        yield "signal", f"{after:.4f} s", folder, *run(folder, no_trap, after)
+        yield "signal", f"{after:.4f} s", folder, run(folder, no_trap, after)
     for number in range(calls):
         for action in (die_before, die_amid, die_after):
             folder = place / f"{action.__name__}-{number}"
             label = f"{action.__name__} of call {number}"
-            yield "call", label, folder, *run(folder, at_call(number, action))
+            yield "call", label, folder, run(folder, at_call(number, action))
     for code in ERRORS:
         for number in range(calls):
             folder = place / f"error-{code}-{number}"
             label = f"{errno.errorcode[code]} at call {number}"
-            yield "error", label, folder, *run(folder, at_call(number, fail(code)))
+            yield "error", label, folder, run(folder, at_call(number, fail(code)))
     for size in LIMITS:
         folder = place / f"limit-{size}"
-        yield "limit", f"{size} bytes", folder, *run(folder, limited(size))
+        yield "limit", f"{size} bytes", folder, run(folder, limited(size))
     for left in LEFT:
         with small_disk(place / f"full-{left}") as folder:
             if folder is not None:
-                told, failed = run(folder, _fill(folder, left))
+                told = run(folder, _fill(folder, left))
                 (folder / "filler").unlink()
-                yield "full", f"{left} bytes left", folder, told, failed
+                yield "full", f"{left} bytes left", folder, told
 
 
 def _fill(folder, left):
     """A trap: fill the disk but for ``left`` bytes."""
 
-    def before(saved):
-        def lay():
-            filler = os.open(folder / "filler", os.O_WRONLY | os.O_CREAT)
-            written = 0
-            with suppress(OSError):  # The disk is full.
-                while True:
-                    written += os.write(filler, bytes(4096))
-            os.ftruncate(filler, max(0, written - left))
-            os.close(filler)
+    def lay():
+        filler = os.open(folder / "filler", os.O_WRONLY | os.O_CREAT)
+        written = 0
+        with suppress(OSError):  # The disk is full.
+            while True:
+                written += os.write(filler, bytes(4096))
+        os.ftruncate(filler, max(0, written - left))
+        os.close(filler)
 
-        return lay
-
-    return before
+    return lay
 
 
 def campaign(kills, seed, place, reporter):
@@ -301,7 +282,7 @@ def campaign(kills, seed, place, reporter):
     counts, kept, wrong = Counter(), Counter(), []
     calls = calls_of_a_save(place)
     reporter.stage("moments", kills + calls * (3 + len(ERRORS)) + len(LIMITS) + len(LEFT))
-    for kind, label, folder, told, failed in cases(place, kills, calls, rng):
+    for kind, label, folder, told in cases(place, kills, calls, rng):
         counts[kind] += 1
         reporter.update(sum(counts.values()), wrong=len(wrong))
         if told < FIRST:

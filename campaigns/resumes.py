@@ -3,9 +3,9 @@
 python campaigns/resumes.py --trials 160 --out results/trust/resumes.json
 
 A training is stopped one to three times, in any stage, by Ctrl-C (which saves) or by a kill: what
-came after the newest checkpoint is gone, perhaps with the newest checkpoint itself, and the last line
-of the metrics may be cut short. Where each stop fell, inside episodes, goals and the fall of epsilon,
-is read from the checkpoint that the training continued from.
+came after the newest checkpoint is gone, perhaps with the newest checkpoint itself, and the last
+line of the metrics may be cut short. Where each stop fell, inside episodes, goals and the fall of
+epsilon, is read from the checkpoint that the training continued from.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Trainings that take a second once compiled, for campaigns and tests that train again and again."""
+"""Trainings that take a second once compiled, for whoever trains again and again."""
 
 from lanewise import config
 from lanewise.progress import Progress
