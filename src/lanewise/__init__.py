@@ -13,6 +13,11 @@ __all__ = ["Evaluation", "Parts", "__version__", "evaluate", "train"]
 registration.with_gymnasium()
 
 
+def __dir__() -> list[str]:
+    """What is there for people, whether imported yet or not."""
+    return __all__
+
+
 def __getattr__(name: str) -> Any:
     """The public names of `lanewise.api`, imported when first used: JAX takes half a second."""
     if name in __all__:

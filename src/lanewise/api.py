@@ -12,7 +12,7 @@ from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.parts import OURS, Parts
 from lanewise.envs import functional, keywords
 from lanewise.envs.control import Goals
-from lanewise.errors import LanewiseError, SettingsError
+from lanewise.errors import LanewiseError, RunError, SettingsError
 from lanewise.evaluation import metrics, outside, policies
 from lanewise.evaluation.drive import TestCourse
 from lanewise.evaluation.episodes import Episodes, Recording
@@ -24,13 +24,15 @@ from lanewise.progress import Progress
 from lanewise.report import files, table
 from lanewise.runs import train as training
 from lanewise.runs import trained, views
-from lanewise.runs.folder import CONTROLLERS, RunFolder
+from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1, RunFolder
 from lanewise.runs.trained import Trained
 from lanewise.settings import Settings
 
 __all__ = ["Evaluation", "Parts", "evaluate", "train"]
 
 WORLDS = ("lanewise", "highway-env")
+SECTIONS = tuple(part.name for part in fields(Settings))
+"""Of the settings, what a training heeds: all."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,7 @@ def train(
     preset: str = "quick",
     trap: str = "trap-10",
     parts: Parts = OURS,
+    high_level: Path | str | None = None,
     resume: bool = False,
     tensorboard: bool = False,
     **settings: Any,
@@ -101,10 +104,12 @@ def train(
         trap: a scenario preset.
         parts: functions of the user's own for start, observation, reward and success. The run
             remembers their names; `evaluate` and ``resume`` want the same ones.
+        high_level: a run whose finished step 1 is taken over; step 2 alone is then trained.
         resume: continue the run in the folder, to the same bits as if it had never stopped; it
             brings its own settings and seed.
         tensorboard: also write TensorBoard's events.
-        settings: any setting, named as for `lanewise.envs.functional.make`.
+        settings: any setting, named as for `lanewise.envs.functional.make`. Those of a TOML file
+            are ``**tomllib.loads(text)``.
 
     Returns:
         The run folder, to be given to `evaluate`.
@@ -116,14 +121,24 @@ def train(
     look_up("controller", controller, dict.fromkeys(CONTROLLERS))
     if tensorboard:
         views.needed()
-    if resume:
-        folder = RunFolder.resume(path, None, controller)
-    else:
-        sections = [part.name for part in fields(Settings)]
-        composed = keywords.compose(preset, trap, settings, sections)
-        folder = RunFolder.create(path, composed, controller, seed, parts.names())
-    with folder, Progress() as reporter:
-        training.train(folder, None, reporter, tensorboard=tensorboard, parts=parts)
+    lender = None if high_level is None else Path(high_level)
+    if lender is not None and controller not in WITH_STEP_1:
+        raise RunError(f"high_level: only {' and '.join(WITH_STEP_1)} controllers have a step 1")
+    try:
+        if resume:
+            folder = RunFolder.resume(path, None, controller)
+        else:
+            composed = keywords.compose(preset, trap, settings, SECTIONS)
+            # Before the folder is made: a refused run leaves nothing behind.
+            parts.feature_count(composed.scenario, composed.driving)
+            if lender is not None:
+                trained.check_lender(lender, composed)
+            folder = RunFolder.create(path, composed, controller, seed, parts.names())
+        with folder, Progress() as reporter:
+            training.train(folder, lender, reporter, tensorboard=tensorboard, parts=parts)
+    except OSError as error:
+        place = error.filename or path
+        raise LanewiseError(f"cannot write {place}: {error.strerror}") from error
     return path
 
 

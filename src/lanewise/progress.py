@@ -38,12 +38,14 @@ class Progress:
         self._task: TaskID | None = None
         self._name = ""
         self._total = 0.0
-        self._began = self._first = self._last_line = 0.0
+        self._began: float | None = None
+        self._first = self._last_line = 0.0
 
     def stage(self, name: str, total: float, done: float = 0.0) -> None:
         """Begins a stage that is complete at ``total``; a resumed one begins at ``done``."""
         self._name, self._total, self._first = name, total, done
-        self._began = self._last_line = self._clock()
+        self._began = None
+        self._last_line = self._clock()
         if self._bar is not None:
             if self._task is not None:
                 self._bar.stop_task(self._task)
@@ -51,7 +53,7 @@ class Progress:
                 escape(name), total=total, completed=int(done), metrics=""
             )
         else:
-            self._line(f"{name}: starting" if done == 0 else f"{name}: continuing")
+            self._line(f"{name}: {'continuing' if done else 'starting'}, compiling first")
 
     def update(self, done: float, **metrics: float) -> None:
         """Reports that ``done`` of the stage's total is complete, with a few figures."""
@@ -60,6 +62,9 @@ class Progress:
             self._bar.update(self._task, completed=done, metrics=escape(figures))
             return
         now = self._clock()
+        if self._began is None:
+            # What came before includes compiling, which does not come again.
+            self._began, self._first = now, done
         if done < self._total and now - self._last_line < self._interval:
             return
         self._last_line = now
@@ -89,7 +94,7 @@ class Progress:
             self._bar.stop()
 
     def _time_left(self, done: float, now: float) -> str:
-        if done <= self._first or done >= self._total:
+        if self._began is None or done <= self._first or done >= self._total:
             return ""
         seconds = (now - self._began) * (self._total - done) / (done - self._first)
         return f"{duration(seconds)} left"

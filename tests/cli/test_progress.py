@@ -25,7 +25,7 @@ def test_plain_lines_off_a_terminal():
             clock.now += 4.0
         progress.note("a warning [with brackets]")
     lines = stream.getvalue().splitlines()
-    assert lines[0] == "high level: starting"
+    assert lines[0] == "high level: starting, compiling first"
     # One line in 10 s, although an update came every 4 s.
     assert lines[1] == "high level: 15%, 1 min left, success rate 0.5"
     assert lines[-2:] == ["high level: 100%, success rate 0.5", "a warning [with brackets]"]
@@ -33,13 +33,19 @@ def test_plain_lines_off_a_terminal():
     assert all("\x1b" not in line and "\r" not in line for line in lines)
 
 
-def test_a_resumed_stage_does_not_count_what_was_done_before():
+def test_neither_what_was_done_before_nor_compiling_counts():
     stream, clock = io.StringIO(), Clock()
     with Progress(stream, interval=0.0, clock=clock) as progress:
         progress.stage("low level", 100, done=50)
-        clock.now = 25.0
+        clock.now = 1000.0  # Compiled, and the first part done.
+        progress.update(60)
+        clock.now = 1015.0
         progress.update(75)
-    assert stream.getvalue().splitlines() == ["low level: continuing", "low level: 75%, 25 s left"]
+    assert stream.getvalue().splitlines() == [
+        "low level: continuing, compiling first",
+        "low level: 60%",
+        "low level: 75%, 25 s left",
+    ]
 
 
 def test_a_bar_on_a_terminal():
@@ -60,6 +66,7 @@ def test_long_times_and_empty_stages():
     stream, clock = io.StringIO(), Clock()
     with Progress(stream, interval=0.0, clock=clock) as progress:
         progress.stage("a", 1000)
+        progress.update(0)
         clock.now = 100.0
         progress.update(10)
         progress.stage("b", 0)

@@ -27,6 +27,18 @@ def test_missing_package_says_what_to_install(monkeypatch, part, package):
         importlib.import_module(f"lanewise.report.{part}")
 
 
+def test_what_cannot_be_written_is_refused_beforehand(tmp_path):
+    (tmp_path / "file").write_text("kept")
+    for place, said in (
+        (tmp_path / "file" / "a.csv", "Not a directory"),
+        (tmp_path, "a folder has that name"),
+    ):
+        with pytest.raises(LanewiseError, match=f"cannot write .*{said}"):
+            files.check_writable(place)
+    files.check_writable(tmp_path / "new" / "folder" / "a.csv")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
 def test_check_of_extras(monkeypatch):
     extras.check()
     monkeypatch.setattr(extras, "find_spec", lambda name: None)

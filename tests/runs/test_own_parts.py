@@ -27,6 +27,10 @@ def two_dimensional(settings, world):
     return jnp.zeros((2, 2))
 
 
+def asks(settings, world, steering, accident):
+    return -2.0 if accident else 0.25
+
+
 PARTS = lanewise.Parts(observe=place_and_speed, reward=hurry, success=started)
 
 
@@ -73,5 +77,41 @@ def test_mistakes_leave_nothing_behind(tmp_path):
         with pytest.raises(SettingsError, match=said):
             lanewise.train(tmp_path / "run", **given)
     assert not (tmp_path / "run").exists()
-    with pytest.raises(LanewiseError, match=r"float32 vector; two_dimensional returns .* \(2, 2\)"):
-        lanewise.evaluate(lambda seen: 4, parts=lanewise.Parts(observe=two_dimensional))
+    for given, said in (
+        ({"parts": lanewise.Parts(reward=asks)}, "reward: asks fails: .* jnp.where"),
+        ({"controller": "single-level", "high_level": "a"}, "only hierarchical and planned"),
+        ({"high_level": tmp_path / "none"}, "no run in"),
+    ):
+        with pytest.raises(LanewiseError, match=said):
+            lanewise.train(tmp_path / "run", **given)
+    assert not (tmp_path / "run").exists()
+    (tmp_path / "file").write_text("")
+    with pytest.raises(LanewiseError, match="cannot write"):
+        lanewise.train(tmp_path / "file" / "run")
+
+
+@pytest.mark.parametrize(
+    ("part", "function", "said"),
+    [
+        (
+            "observe",
+            two_dimensional,
+            r"must return a float32 vector, not float32 of shape \(2, 2\)",
+        ),
+        ("observe", lambda settings, world: [1.0], "must return a float32 vector, not a list"),
+        ("reward", lambda s, world, *rest: world.vehicles.x, r"one number, not float32 of shape"),
+        ("reward", lambda settings, world: 1.0, "fails: .* takes 2 positional arguments but 4"),
+        ("reward", asks, "reward: asks fails: .* use jnp.where instead of if"),
+        ("success", lambda world: world.vehicles.x[0], "must return one bool, not float32"),
+        ("start", lambda *given: 3, "must return a World, not int32"),
+    ],
+)
+def test_wrong_functions_are_refused_by_name_before_anything_is_driven(part, function, said):
+    with pytest.raises(SettingsError, match=said) as caught:
+        lanewise.evaluate(lambda seen: 4, parts=lanewise.Parts(**{part: function}))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_what_is_no_parts_at_all_is_refused():
+    with pytest.raises(SettingsError, match="parts must be"):
+        lanewise.evaluate(lambda seen: 4, parts=3)

@@ -49,6 +49,8 @@ def run(parsed: Parsed[Evaluate]) -> int:
     from lanewise.report import files, table
     from lanewise.runs import trained
 
+    if command.episodes_out is not None:
+        files.check_writable(command.episodes_out)
     controller = trained.load(command.run)
     with Progress() as reporter:
         episodes = testing.test(

@@ -5,6 +5,7 @@ A field's help is the docstring below it, followed by its range.
 
 import dataclasses
 import inspect
+import warnings
 from collections.abc import Mapping
 from functools import cache
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -38,6 +39,7 @@ def show_one(name: str, command: type) -> None:
 
 
 def _show(target: Any, program: str, description: str | None) -> None:
+    warnings.filterwarnings("ignore", category=UserWarning, module="tyro")
     try:
         tyro.cli(
             target,

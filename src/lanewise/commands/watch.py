@@ -38,14 +38,17 @@ def run(parsed: Parsed[Watch]) -> int:
         raise SettingsError(f"--out must end in .gif or .mp4, got {command.out}")
     shelf.controller(command.run)
     from lanewise.experiments import testing
-    from lanewise.report import extras
+    from lanewise.report import extras, files
     from lanewise.runs import trained
 
     extras.check()
+    files.check_writable(command.out)
     from lanewise.report import clip
 
     controller = trained.load(command.run)
+    sys.stderr.write("driving\n")
     recording = testing.record(controller, command.world, command.seed, command.episode)
+    sys.stderr.write("drawing\n")
     clip.render(recording, command.out)
     sys.stderr.write(f"wrote {command.out}\n")
     return 0

@@ -2,14 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
 from lanewise.driving import observation, reward
-from lanewise.driving.settings import ObservationSettings, RewardSettings
-from lanewise.errors import SettingsError
+from lanewise.driving.settings import DrivingSettings, ObservationSettings, RewardSettings
+from lanewise.errors import LanewiseError, SettingsError
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
 from lanewise.world.state import World
@@ -43,24 +45,66 @@ class Parts:
             if (own := getattr(self, part.name)) is not part.default
         )
 
-    def feature_count(self, scenario: TrapSettings, settings: ObservationSettings) -> int:
-        """Length of what the controller sees.
+    def feature_count(self, scenario: TrapSettings, driving: DrivingSettings) -> int:
+        """Length of what the controller sees, once a user's own functions have been tried.
+
+        They are traced on their own, so that a mistake shows at once and under its name.
 
         Raises:
-            SettingsError: a user's own observation is no float32 vector.
+            SettingsError: one of them fails, or returns something else than it must.
         """
-        if self.observe is observation.features:
+        if not self.names():
             return observation.SIZE
-        seen = jax.eval_shape(
-            lambda key: self.observe(settings, self.start(scenario, key, "training")),
-            jax.random.key(0),
+        world = self._tried(
+            "start", lambda key: self.start(scenario, key, "training"), jax.random.key(0)
         )
-        if seen.ndim != 1 or seen.dtype != jnp.float32:
+        if not isinstance(world, World):
+            raise SettingsError(f"{self._called('start')} must return a World, not {_kind(world)}")
+        seen = self._tried("observe", partial(self.observe, driving.observation), world)
+        if not (_is_array(seen) and seen.ndim == 1 and seen.dtype == jnp.float32):
             raise SettingsError(
-                f"an observation must be a float32 vector; {self.observe.__qualname__} returns "
-                f"{seen.dtype} of shape {seen.shape}"
+                f"{self._called('observe')} must return a float32 vector, not {_kind(seen)}"
+            )
+        yes = jax.ShapeDtypeStruct((), jnp.bool_)  # type: ignore[no-untyped-call]
+        angle = jax.ShapeDtypeStruct((), world.vehicles.x.dtype)  # type: ignore[no-untyped-call]
+        paid = self._tried("reward", partial(self.reward, driving.reward), world, angle, yes)
+        if not (_is_array(paid) and paid.ndim == 0 and jnp.issubdtype(paid.dtype, jnp.number)):
+            raise SettingsError(
+                f"{self._called('reward')} must return one number, not {_kind(paid)}"
+            )
+        escaped = self._tried("success", self.success, world)
+        if not (_is_array(escaped) and escaped.ndim == 0 and escaped.dtype == jnp.bool_):
+            raise SettingsError(
+                f"{self._called('success')} must return one bool, not {_kind(escaped)}"
             )
         return int(seen.shape[0])
+
+    def _tried(self, part: str, call: Callable[..., Any], *traced: Any) -> Any:
+        """What a function returns, as shapes."""
+        try:
+            return jax.eval_shape(call, *traced)
+        except LanewiseError:
+            raise
+        except Exception as error:
+            reason = str(error).strip().partition("\n")[0][:200]
+            if isinstance(error, jax.errors.ConcretizationTypeError):
+                reason = "it asks for a value while JAX traces it; use jnp.where instead of if"
+            raise SettingsError(f"{self._called(part)} fails: {reason}") from error
+
+    def _called(self, part: str) -> str:
+        function = getattr(self, part)
+        return f"{part}: {getattr(function, '__qualname__', repr(function))}"
+
+
+def _is_array(value: Any) -> bool:
+    return isinstance(value, jax.ShapeDtypeStruct)
+
+
+def _kind(value: Any) -> str:
+    """A value for people: its type, for an array its numbers and shape."""
+    if _is_array(value):
+        return f"{value.dtype} of shape {tuple(value.shape)}"
+    return f"a {type(value).__name__}"
 
 
 OURS = Parts()

@@ -103,7 +103,9 @@ def make(
     """
     composed = keywords.compose(preset, trap, settings)
     look_up("split", split, dict.fromkeys(SPLITS))
-    parts.feature_count(composed.scenario, composed.driving.observation)  # refuses what is none
+    if not isinstance(parts, Parts):
+        raise SettingsError(f"parts must be lanewise.Parts(...), got {parts!r:.80}")
+    parts.feature_count(composed.scenario, composed.driving)  # refuses what does not work
     frequency = composed.driving.decision_frequency
     if isinstance(duration, bool) or not 1 / frequency <= duration <= 1e6:
         raise SettingsError(f"duration must be between {1 / frequency:g} and 1e6 s, got {duration}")

@@ -1,6 +1,7 @@
 """Writing result files whole or not at all."""
 
 import os
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -33,6 +34,25 @@ def replacing(path: Path | str) -> Iterator[Path]:
     finally:
         with suppress(OSError):  # gone already, or never there
             beside.unlink()
+
+
+def check_writable(path: Path | str) -> None:
+    """Refuses a file that could not be written, before the work whose result it is to hold.
+
+    Raises:
+        LanewiseError: a folder has its name, or its folder cannot be written to.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise LanewiseError(f"cannot write {path}: a folder has that name")
+    # Its folder may have to be made.
+    place = next(parent for parent in path.absolute().parents if parent.exists())
+    try:
+        # Permissions alone do not tell: try.
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        raise LanewiseError(f"cannot write {path}: {error.strerror}") from error
 
 
 def check_suffix(path: Path | str, allowed: tuple[str, ...]) -> str:
