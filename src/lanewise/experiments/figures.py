@@ -101,8 +101,10 @@ def _curves(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Draw]]:
         yield (
             Drawn(
                 "training",
-                "Training: success, reward and speed over episodes, mean and spread "
-                "over seeds (the paper's training figure)",
+                "Training, exploration included: success, reward and speed over episodes, mean and "
+                "spread over seeds (the paper's training figure). Arms whose episodes last "
+                "differently long (`duration` in their settings) differ in reward an episode for "
+                "that alone",
             ),
             lambda path: training_curves.write(rows, path, settled=settled),
         )

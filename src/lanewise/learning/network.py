@@ -81,7 +81,7 @@ def _product_backward(
 ) -> tuple[jax.Array, jax.Array]:
     features, weights = given
     rows = features.reshape(-1, features.shape[-1])
-    transposed = jax.lax.optimization_barrier(rows.T)
+    transposed: jax.Array = jax.lax.optimization_barrier(rows.T)  # type: ignore[no-untyped-call]
     return delta @ weights.T, transposed @ delta.reshape(-1, delta.shape[-1])
 
 

@@ -162,11 +162,13 @@ def check_parts(folder: RunFolder, parts: Parts) -> None:
     """
     if folder.parts != parts.names():
         made = "; ".join(folder.parts) or "no parts of the user's own"
-        raise RunError(
-            f"{folder.path} was made with {made}\n"
-            "  give the same functions: lanewise.evaluate(run, parts=...), "
+        remedy = (
+            "give the same functions: lanewise.evaluate(run, parts=...), "
             "lanewise.train(..., parts=...)"
         )
+        if not folder.parts:
+            remedy = f"leave out {'; '.join(parts.names())}"
+        raise RunError(f"{folder.path} was made with {made}\n  {remedy}")
 
 
 def blank_networks(folder: RunFolder, stage: Stage, parts: Parts = OURS) -> Parameters:
