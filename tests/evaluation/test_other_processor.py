@@ -25,7 +25,7 @@ def episodes(path, flags):
 
 
 @pytest.mark.slow
-def test_code_without_vector_instructions_of_this_century(tmp_path):
+def test_code_for_an_older_instruction_set(tmp_path):
     """XLA's code for SSE4.2 has no fused multiply-add, so it rounds otherwise."""
     ours = episodes(tmp_path / "ours.csv", "")
     old = episodes(tmp_path / "old.csv", "--xla_cpu_max_isa=SSE4_2")
