@@ -193,5 +193,6 @@ def gathered(
 ) -> tuple[Under, Array, Array]:
     """(the episode, what there is to see, reward) after a decision, whoever simulated it."""
     goal = course.test.controller.goal(memory)
-    sums = drive.gather(course.test.driving, sums, state, outcome, goal)
+    rules = course.test
+    sums = drive.gather(rules.driving, sums, state, outcome, goal, rules.parts)
     return (state, memory, sums), drive.look(course.test, state).features, outcome.reward
