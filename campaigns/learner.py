@@ -5,12 +5,15 @@
 The transitions are those that the controllers' own training drives write to their replays; the
 settings are those of each level in each preset, and some that presets leave alone. Both sides see
 the same batches. An error is the largest difference in an array, over the largest number in it.
+Stopped, the same command goes on.
 """
 
 import argparse
+import json
 import sys
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 import jax
@@ -136,38 +139,35 @@ def _error(ours, theirs):
     )
 
 
-def measure(preset, options, reporter):
-    """A row for every level of every controller, by preset."""
+def measure(preset, of_stage, options, reporter):
+    """A row for every level that learns in a stage, and every change."""
     settings = config.compose(preset=preset)
     found = []
-    for of_stage in STAGES:
-        if options.only and of_stage.name not in options.only:
-            continue
-        driven = transitions(settings, of_stage, options.seed)
-        for name, how in recipe.learning(settings, of_stage):
-            actions = recipe.course(settings, of_stage).level(name).choice_count
-            for change, values in CHANGES.items():
-                if change and preset != "quick":
-                    continue
-                shape = replace(how.learner, hidden=tuple(options.hidden), **values)
-                label = " ".join(filter(None, (preset, of_stage.name, name, change)))
-                reporter.stage(label, options.updates)
-                row = compare(
-                    shape, driven[name], actions, options.updates, options.seed, reporter.update
-                )
-                worst = max(row["loss"], row["online"], row["target"])
-                reporter.note(f"{label}: {worst:.1e}")
-                about = {"preset": preset, "stage": of_stage.name, "level": name, "change": change}
-                found.append(
-                    about
-                    | {
-                        "features": (driven[name].shape[1] - 3) // 2,
-                        "transitions": len(driven[name]),
-                        "discounts": sorted(set(driven[name][:, -_inputs(driven[name]) - 1]))[:8],
-                    }
-                    | row
-                    | {"worst": worst}
-                )
+    driven = transitions(settings, of_stage, options.seed)
+    for name, how in recipe.learning(settings, of_stage):
+        actions = recipe.course(settings, of_stage).level(name).choice_count
+        for change, values in CHANGES.items():
+            if change and preset != "quick":
+                continue
+            shape = replace(how.learner, hidden=tuple(options.hidden), **values)
+            label = " ".join(filter(None, (preset, of_stage.name, name, change)))
+            reporter.stage(label, options.updates)
+            row = compare(
+                shape, driven[name], actions, options.updates, options.seed, reporter.update
+            )
+            worst = max(row["loss"], row["online"], row["target"])
+            reporter.note(f"{label}: {worst:.1e}")
+            about = {"preset": preset, "stage": of_stage.name, "level": name, "change": change}
+            found.append(
+                about
+                | {
+                    "features": (driven[name].shape[1] - 3) // 2,
+                    "transitions": len(driven[name]),
+                    "discounts": sorted(set(driven[name][:, -_inputs(driven[name]) - 1]))[:8],
+                }
+                | row
+                | {"worst": worst}
+            )
     return found
 
 
@@ -184,19 +184,38 @@ def main():
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("results/trust/learner.json"))
     options = parser.parse_args()
+    rows = stored(options)
     with Progress() as reporter:
-        rows = [row for preset in options.presets for row in measure(preset, options, reporter)]
+        for preset, of_stage in product(options.presets, STAGES):
+            done = any((preset, of_stage.name) == (row["preset"], row["stage"]) for row in rows)
+            if done or (options.only and of_stage.name not in options.only):
+                continue
+            rows += measure(preset, of_stage, options, reporter)
+            keep(rows, options)
     worst = max(row["worst"] for row in rows)
+    print(f"{len(rows)} learners, {options.updates} updates each: largest error {worst:.1e}")
+    return int(worst > LIMIT)
+
+
+def stored(options):
+    """Rows that an earlier, unfinished command with the same numbers has left."""
+    if not options.out.exists():
+        return []
+    found = json.loads(options.out.read_text())
+    same = ("updates", "hidden", "seed")
+    return found["rows"] if all(found[name] == getattr(options, name) for name in same) else []
+
+
+def keep(rows, options):
+    """Write what there is."""
     figures = {
         "updates": options.updates,
         "hidden": options.hidden,
         "limit": LIMIT,
-        "worst": worst,
+        "worst": max(row["worst"] for row in rows),
         "rows": rows,
     }
     store(options.out, figures, options.seed, ("optax",))
-    print(f"{len(rows)} learners, {options.updates} updates each: largest error {worst:.1e}")
-    return int(worst > LIMIT)
 
 
 if __name__ == "__main__":

@@ -16,8 +16,8 @@ from lanewise.training import findings
 
 
 def rarely(world):
-    """Once in some hundred decisions, told by the last digits of where a trap car is."""
-    return jnp.floor(world.vehicles.x[1] * 4096.0) % 181.0 == 7.0
+    """Once in about a thousand decisions, told by the last digits of where a trap car is."""
+    return jnp.floor(world.vehicles.x[1] * 4096.0) % 1009.0 == 7.0
 
 
 def spoiling_observation(value):
@@ -49,7 +49,9 @@ def save_every_chunk(monkeypatch):
 
 def failed(path, controller, parts, **settings):
     """Train until it fails: the error."""
-    flags = FLAGS | {"evaluation.validation_interval": 100} | settings
+    sections = {"single-level": "single_level", "h-dqn": "h_dqn"}
+    long = {f"{sections.get(controller, 'high_level')}.decisions": 4000}
+    flags = FLAGS | {"evaluation.validation_interval": 100} | long | settings
     with pytest.raises(NumbersError, match=r"not finite.*; training stopped") as error:
         lanewise.train(path, controller, parts=parts, seed=1, **flags)
     return error.value

@@ -26,7 +26,13 @@ def rows():
     return np.asarray(state.replays["single_level"].rows, np.float64)
 
 
-@pytest.mark.parametrize("change", learner.CHANGES)
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(one, id=one or "quick", marks=pytest.mark.slow if one else ())
+        for one in learner.CHANGES
+    ],
+)
 def test_a_thousand_updates_of_the_single_level_controller(rows, change):
     how = replace(QUICK.single_level.learner, hidden=(24, 24), **learner.CHANGES[change])
     found = learner.compare(how, rows, 9, updates=1000)

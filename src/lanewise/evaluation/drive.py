@@ -195,7 +195,8 @@ def sound(driving: DrivingSettings, state: Episode, parts: Parts) -> Array:
     """Whether what a user's own function observes now is finite; ours is where the world is."""
     if parts.observe is OURS.observe:
         return jnp.bool_(True)
-    return jnp.isfinite(parts.observe(driving.observation, state.world)).all()
+    finite: Array = jnp.isfinite(parts.observe(driving.observation, state.world)).all()
+    return finite
 
 
 def start_block(course: TestCourse, seed: int, first: int) -> World:
