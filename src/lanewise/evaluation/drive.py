@@ -194,7 +194,7 @@ def gather(
 def sound(driving: DrivingSettings, state: Episode, parts: Parts) -> Array:
     """Whether what a user's own function observes now is finite; ours is where the world is."""
     if parts.observe is OURS.observe:
-        return jnp.bool_(True)
+        return jnp.asarray(True)
     finite: Array = jnp.isfinite(parts.observe(driving.observation, state.world)).all()
     return finite
 
