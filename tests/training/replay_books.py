@@ -201,7 +201,7 @@ def _episode(how, seen, name, view):
             seen.notes[f"{name} chose"][start],
             reward,
             discount,
-            *_next(seen, name, stop, view[ended]),
+            *_next(seen, name, stop, view[int(ended)]),
         ]
         found.append((start, last, row))
     return found
