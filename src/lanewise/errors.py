@@ -1,5 +1,7 @@
 """The errors Lanewise reports to people: one or two lines, what is wrong and what to do."""
 
+from typing import Any
+
 
 class LanewiseError(Exception):
     """A mistake the user can mend; the command line prints its message and exits with code 2."""
@@ -15,3 +17,12 @@ class RunError(LanewiseError):
 
 class CheckpointError(LanewiseError):
     """A stored file is missing, truncated, altered, or not what its manifest says."""
+
+
+class NumbersError(LanewiseError):
+    """A number that must be finite is not: in what is seen or paid, in a loss or in weights."""
+
+    def __init__(self, message: str, found: tuple[dict[str, Any], ...] = ()) -> None:
+        super().__init__(message)
+        self.found = found
+        """All that was not finite, likely causes first; plain values, as they are stored."""

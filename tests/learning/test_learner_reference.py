@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from learner_reference import Reference
 
 from lanewise.learning import learner
 from lanewise.learning.replay import Transition
@@ -40,66 +41,21 @@ def make_batches(dtype) -> list[Transition]:
     ]
 
 
-def forward(layers, x):
-    """Activations of every layer, the Q-values last."""
-    activations = [x]
-    for i, (w, b) in enumerate(layers):
-        x = x @ w + b
-        if i < len(layers) - 1:
-            x = np.where(x > 0, x, 0)
-        activations.append(x)
-    return activations
-
-
-def reference(settings, layers, batches):
-    """Double or plain DQN with Adam, gradients by hand; returns online, target and losses."""
-    online = [[np.array(a, np.float64) for a in layer] for layer in layers]
-    target = [[a.copy() for a in layer] for layer in online]
-    first = [[np.zeros_like(a) for a in layer] for layer in online]
-    second = [[np.zeros_like(a) for a in layer] for layer in online]
-    losses = []
-    for t, batch in enumerate(batches, start=1):
-        rows = np.arange(BATCH)
-        next_target = forward(target, batch.next_features)[-1]
-        chooser = forward(online, batch.next_features)[-1] if settings.double else next_target
-        y = batch.reward + batch.discount * next_target[rows, chooser.argmax(axis=1)]
-        activations = forward(online, batch.features)
-        error = activations[-1][rows, batch.action] - y
-        losses.append(np.mean(error**2))
-        delta = np.zeros((BATCH, OUTPUTS))
-        delta[rows, batch.action] = 2 * error / BATCH
-        gradients = []
-        for i in reversed(range(len(online))):
-            gradients.insert(0, [activations[i].T @ delta, delta.sum(axis=0)])
-            delta = (delta @ online[i][0].T) * (activations[i] > 0)
-        for i, layer in enumerate(gradients):
-            for j, g in enumerate(layer):
-                first[i][j] = 0.9 * first[i][j] + 0.1 * g
-                second[i][j] = 0.999 * second[i][j] + 0.001 * g**2
-                m = first[i][j] / (1 - 0.9**t)
-                v = second[i][j] / (1 - 0.999**t)
-                online[i][j] = online[i][j] - settings.learning_rate * m / (np.sqrt(v) + 1e-8)
-                if settings.target_update == "moving-average":
-                    target[i][j] = (1 - 0.07) * target[i][j] + 0.07 * online[i][j]
-                elif t % 8 == 0:
-                    target[i][j] = online[i][j].copy()
-    return online, target, losses
-
-
 def compare(settings, dtype, tolerance):
     state = learner.begin(jax.random.key(0), settings, INPUTS, OUTPUTS)
     state = jax.tree.map(
         lambda a: a.astype(dtype) if jnp.issubdtype(a.dtype, jnp.floating) else a, state
     )
     batches = make_batches(dtype)
-    expected_online, expected_target, expected_losses = reference(settings, state.online, batches)
+    reference = Reference(settings, state.online)
     losses = []
     for batch in batches:
+        reference.update(batch)
         state, metrics = update(settings, state, batch)
         losses.append(metrics.loss)
     assert state.online[0][0].dtype == dtype
-    np.testing.assert_allclose(losses, expected_losses, rtol=tolerance, atol=tolerance)
-    for got, expected in ((state.online, expected_online), (state.target, expected_target)):
+    np.testing.assert_allclose(losses, reference.losses, rtol=tolerance, atol=tolerance)
+    for got, expected in ((state.online, reference.online), (state.target, reference.target)):
         for got_layer, expected_layer in zip(got, expected, strict=True):
             for a, b in zip(got_layer, expected_layer, strict=True):
                 np.testing.assert_allclose(a, b, rtol=tolerance, atol=tolerance)

@@ -7,11 +7,20 @@ import numpy as np
 import pytest
 
 from lanewise.training import host as stages
+from lanewise.training.finite import Finite
 from lanewise.training.host import Ledger, StagePlan, StageProgress
 from lanewise.training.rollout import Finished
 from lanewise.training.settings import StageSettings
 
 CHUNK, WORLDS = stages.stage.CHUNK, 2
+ALL_FINITE = Finite(
+    np.ones((CHUNK + 1, WORLDS), bool),
+    np.ones((CHUNK + 1, WORLDS), bool),
+    np.ones(WORLDS, bool),
+    {},
+    {},
+    {},
+)
 
 
 def plan_of(keep, decisions=6 * CHUNK * WORLDS, episodes=0, interval=2):
@@ -50,7 +59,9 @@ def play(monkeypatch):
                 updates=0, transitions=0, epsilon=0.1, loss=np.nan, mean_q=np.nan
             )
             return state_of(len(done)), SimpleNamespace(
-                levels={"q": nothing}, finished=finished_of(next(chunk_metrics))
+                levels={"q": nothing},
+                finished=finished_of(next(chunk_metrics)),
+                finite=ALL_FINITE,
             )
 
         def test(*_):

@@ -4,7 +4,7 @@ Episode i of a seed is the same however many are driven with it: blocks are padd
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -21,6 +21,7 @@ from lanewise.driving.episode import Episode, Outcome
 from lanewise.driving.parts import OURS, Parts
 from lanewise.driving.percept import Percept
 from lanewise.driving.settings import DrivingSettings
+from lanewise.errors import NumbersError
 from lanewise.evaluation import concurrent
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.scenario import trap
@@ -71,6 +72,8 @@ class Sums:
     """int32 [] goals that ended."""
     timed_out: Array
     """int32 [] goals given up."""
+    sound: Array
+    """bool [] whether all that a user's own function observed is finite."""
 
 
 def start(course: TestCourse, seed: int, index: int) -> World:
@@ -117,7 +120,12 @@ def test(
 
 
 def as_episodes(driving: DrivingSettings, sums: Sums) -> Episodes:
-    """Outcomes from gathered sums with a leading axis over the episodes."""
+    """Outcomes from gathered sums with a leading axis over the episodes.
+
+    Raises:
+        NumbersError: in one of them something was not finite; no figure would count.
+    """
+    _check_numbers(sums)
     decisions = np.asarray(sums.decisions, np.float64)
     escape = np.asarray(sums.escape, np.float64)
     accident = np.asarray(sums.accident, np.int8)
@@ -134,10 +142,26 @@ def as_episodes(driving: DrivingSettings, sums: Sums) -> Episodes:
     )
 
 
+def _check_numbers(sums: Sums) -> None:
+    """Refuses sums that no metric could be made of."""
+    fine = {
+        "an observation": np.asarray(sums.sound),
+        "a reward": np.isfinite(sums.reward),
+        "the ego's speed or place": np.isfinite(sums.speed) & np.isfinite(sums.distance),
+    }
+    for what, finite in fine.items():
+        if not finite.all():
+            raise NumbersError(
+                f"{what} is not finite in {np.sum(~finite)} of {len(finite)} episodes, first in "
+                f"episode {np.argmin(finite)}: mend the function that observes, rewards or "
+                "makes the start"
+            )
+
+
 def nothing_yet() -> Sums:
     """Sums at an episode's start."""
     zero, none = jnp.float32(0.0), jnp.int32(0)
-    return Sums(jnp.bool_(False), none, zero, zero, zero, none, none, none, none)
+    return Sums(jnp.bool_(False), none, zero, zero, zero, none, none, none, none, jnp.bool_(True))
 
 
 def gather(
@@ -146,6 +170,7 @@ def gather(
     state: Episode,
     outcome: Outcome,
     goal: GoalMemory | None,
+    parts: Parts = OURS,
 ) -> Sums:
     """Sums after one more decision; unchanged if the episode was over before it."""
     counts = episode.ends_timestep(driving, state, outcome)
@@ -160,9 +185,18 @@ def gather(
         escape=jnp.where(first_escape, state.decisions, sums.escape),
         goals=sums.goals if goal is None else goal.ended,
         timed_out=sums.timed_out if goal is None else goal.timed_out,
+        sound=sums.sound & sound(driving, state, parts),
     )
     kept: Sums = jax.tree.map(lambda old, new: jnp.where(sums.over, old, new), sums, after)
     return kept
+
+
+def sound(driving: DrivingSettings, state: Episode, parts: Parts) -> Array:
+    """Whether what a user's own function observes now is finite; ours is where the world is."""
+    if parts.observe is OURS.observe:
+        return jnp.asarray(True)
+    finite: Array = jnp.isfinite(parts.observe(driving.observation, state.world)).all()
+    return finite
 
 
 def start_block(course: TestCourse, seed: int, first: int) -> World:
@@ -198,10 +232,11 @@ def _drive_one(course: TestCourse, parameters: Parameters, world: World) -> Sums
         state, memory, sums = carry
         state, memory, outcome, _trace = decision(course, parameters, state, memory)
         goal = course.controller.goal(memory)
-        return state, memory, gather(course.driving, sums, state, outcome, goal)
+        return state, memory, gather(course.driving, sums, state, outcome, goal, course.parts)
 
     state, memory = begin(course, world)
-    carry = (state, memory, nothing_yet())
+    first = replace(nothing_yet(), sound=sound(course.driving, state, course.parts))
+    carry = (state, memory, first)
     sums: Sums = jax.lax.fori_loop(0, course.duration, decide, carry)[2]
     return sums
 
@@ -234,7 +269,8 @@ def _record(course: TestCourse, parameters: Parameters, world: World) -> Any:
     def decide(carry: tuple[Episode, Any, Sums], _: None) -> tuple[Any, Any]:
         state, memory, sums = carry
         state, memory, outcome, _trace = decision(course, parameters, state, memory)
-        sums = gather(course.driving, sums, state, outcome, course.controller.goal(memory))
+        goal = course.controller.goal(memory)
+        sums = gather(course.driving, sums, state, outcome, goal, course.parts)
         return (state, memory, sums), (state.world.vehicles, memory, sums, outcome.reward)
 
     carry = (*begin(course, world), nothing_yet())

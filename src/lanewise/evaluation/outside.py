@@ -4,7 +4,7 @@ The policy takes the place of a network: it chooses, and our controllers do the 
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -166,7 +166,9 @@ def _advance(course: OutsideCourse, under: Under, choices: Array) -> tuple[Under
 def begin(course: OutsideCourse, world: World) -> tuple[Under, Array]:
     """(the episode that starts in ``world``, what there is to see)."""
     state, memory = drive.begin(course.test, world)
-    return (state, memory, drive.nothing_yet()), drive.look(course.test, state).features
+    rules = course.test
+    sums = replace(drive.nothing_yet(), sound=drive.sound(rules.driving, state, rules.parts))
+    return (state, memory, sums), drive.look(rules, state).features
 
 
 def act(course: OutsideCourse, state: Episode, memory: Any, choice: Array) -> tuple[Array, Any]:
@@ -193,5 +195,6 @@ def gathered(
 ) -> tuple[Under, Array, Array]:
     """(the episode, what there is to see, reward) after a decision, whoever simulated it."""
     goal = course.test.controller.goal(memory)
-    sums = drive.gather(course.test.driving, sums, state, outcome, goal)
+    rules = course.test
+    sums = drive.gather(rules.driving, sums, state, outcome, goal, rules.parts)
     return (state, memory, sums), drive.look(course.test, state).features, outcome.reward

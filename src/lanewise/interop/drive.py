@@ -140,7 +140,7 @@ def _judge(
     state, outcome = episode.judge(
         course.driving, state, world, steering, course.duration, course.parts
     )
-    sums = drive.gather(course.driving, sums, state, outcome, goal)
+    sums = drive.gather(course.driving, sums, state, outcome, goal, course.parts)
     return state, sums, outcome.reward
 
 

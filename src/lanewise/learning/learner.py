@@ -96,11 +96,11 @@ def _adam(settings: LearnerSettings) -> optax.GradientTransformation:
     """Adam with the settings' step size, constant or falling linearly."""
     if settings.learning_rate_decay == 0:
         return optax.adam(settings.learning_rate)
-    return optax.adam(
-        optax.linear_schedule(
-            settings.learning_rate, settings.final_learning_rate, settings.learning_rate_decay
-        )
+    falling = optax.linear_schedule(
+        settings.learning_rate, settings.final_learning_rate, settings.learning_rate_decay
     )
+    # Of a whole count optax makes a float32 step size, in double precision too.
+    return optax.adam(lambda count: falling(count.astype(float)))
 
 
 def _loss(

@@ -15,9 +15,9 @@ import jax
 
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
-from lanewise.errors import RunError
+from lanewise.errors import NumbersError, RunError
 from lanewise.progress import Progress
-from lanewise.runs import checkpoint, trained, tree
+from lanewise.runs import checkpoint, diverged, trained, tree
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.metrics import MetricsWriter
 from lanewise.runs.views import Views
@@ -92,6 +92,7 @@ def train(
         RunError: the run is finished already, or was made with other parts, or ``high_level`` is
             no finished step 1.
         CheckpointError: a stored file is damaged beyond falling back.
+        NumbersError: a number is not finite; `diverged` says what is kept of it.
     """
     trained.check_parts(folder, parts)
     if trained.is_finished(folder):
@@ -142,15 +143,20 @@ def _run_stage(
 ) -> None:
     """Run a stage to its end, from its beginning or from a checkpoint."""
     plan = plan_of(files.folder, stage, parts)
-    progress = stages.begin(plan, frozen, _stage_key(files.folder, index))
-    if found is not None:
-        progress = _restored(progress, found)
+    progress = _from(files.folder, index, plan, frozen, found)
     reporter.stage(stage.name, 1.0, plan.fraction(progress.ledger))
     saved = time.monotonic()
     with _Interrupts() as interrupts:
         while not plan.finished(progress.ledger):
             began = time.monotonic()
-            progress, report = stages.advance(plan, frozen, progress)
+            try:
+                progress, report = stages.advance(plan, frozen, progress)
+            except NumbersError as error:
+                newest, _ = _newest(files.folder, index, parts)
+                stored = _from(files.folder, index, plan, frozen, newest)
+                raise diverged.keep(
+                    files.folder, index, plan, frozen, stored, progress.ledger, error
+                ) from None
             _write(files, report, time.monotonic() - began)
             reporter.update(plan.fraction(progress.ledger), **_figures(report.chunk))
             if interrupts.asked or time.monotonic() - saved > INTERVAL:
@@ -161,6 +167,18 @@ def _run_stage(
     parameters = stages.result(progress, plan.course.budget.keep)
     meta = {"ledger": asdict(progress.ledger), "metrics_bytes": files.metrics.sync()}
     trained.save_stage(files.folder, stage, parameters, meta)
+
+
+def _from(
+    folder: RunFolder,
+    index: int,
+    plan: StagePlan,
+    frozen: Parameters,
+    found: checkpoint.Checkpoint | None,
+) -> StageProgress:
+    """The stage as a checkpoint holds it, or at its beginning."""
+    progress = stages.begin(plan, frozen, _stage_key(folder, index))
+    return progress if found is None else _restored(progress, found)
 
 
 def _stage_key(folder: RunFolder, index: int) -> jax.Array:
@@ -216,7 +234,7 @@ def _newest(
         return None, ""
 
     def template(meta: dict[str, Any]) -> checkpoint.Template:
-        return tree.shapes(_blank(folder, meta["stage"], parts))
+        return tree.shapes(blank(folder, meta["stage"], parts))
 
     found, warning = checkpoint.newest_valid(folder.checkpoints, template, folder.digest)
     if found is not None and found.meta["stage"] != index:
@@ -233,7 +251,7 @@ def _metrics_bytes(
     return trained.metrics_bytes(folder, done[-1]) if done else 0
 
 
-def _blank(folder: RunFolder, index: int, parts: Parts) -> dict[str, Any]:
+def blank(folder: RunFolder, index: int, parts: Parts = OURS) -> dict[str, Any]:
     """Shapes of a stage's checkpoint."""
     recipe_stages = recipe.RECIPES[folder.controller]
     plan = plan_of(folder, recipe_stages[index], parts)

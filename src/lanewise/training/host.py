@@ -5,17 +5,18 @@ outside.
 """
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import jax
 import numpy as np
 
 from lanewise.controllers.controller import Parameters
+from lanewise.errors import NumbersError
 from lanewise.evaluation import drive
 from lanewise.evaluation.drive import TestCourse
 from lanewise.evaluation.episodes import ACCIDENTS, Episodes
-from lanewise.training import stage
+from lanewise.training import findings, stage
 from lanewise.training.rollout import Course, Finished
 from lanewise.training.stage import ChunkMetrics, StageState
 
@@ -112,7 +113,11 @@ def begin(plan: StagePlan, frozen: Parameters, key: jax.Array) -> StageProgress:
 def advance(
     plan: StagePlan, frozen: Parameters, progress: StageProgress
 ) -> tuple[StageProgress, Report]:
-    """One chunk; ``progress`` is consumed."""
+    """One chunk; ``progress`` is consumed.
+
+    Raises:
+        NumbersError: a number is not finite; nothing of the chunk may be kept.
+    """
     return book(plan, frozen, progress, *stage.advance(plan.course, frozen, progress.state))
 
 
@@ -131,8 +136,12 @@ def book(
         progress: before the chunk.
         state: after the chunk.
         metrics: the chunk's.
+
+    Raises:
+        NumbersError: a number is not finite; nothing of the chunk may be kept.
     """
     metrics = jax.device_get(metrics)
+    _check_numbers(plan, progress.ledger, metrics)
     lines = _episode_lines(plan, progress.ledger, metrics.finished)
     ledger = _booked(plan, progress.ledger, lines)
     began = time.perf_counter()
@@ -155,6 +164,16 @@ def result(progress: StageProgress, keep: str) -> Parameters:
     return progress.best
 
 
+def _check_numbers(plan: StagePlan, ledger: Ledger, metrics: ChunkMetrics) -> None:
+    """Before anything of a chunk is kept, shown or validated."""
+    found = findings.of(metrics.finite)
+    if found:
+        said = found[0].said(ledger.decisions, plan.course.budget.worlds)
+        raise NumbersError(
+            f"{plan.name}, chunk {ledger.chunks + 1}: {said}", tuple(map(asdict, found))
+        )
+
+
 def _booked(plan: StagePlan, ledger: Ledger, lines: list[dict[str, Any]]) -> Ledger:
     """The ledger after a chunk with these episodes."""
     rewards = ledger.recent + tuple(line["reward"] for line in lines)
@@ -175,7 +194,13 @@ def _validate(
     if not due:
         return None
     parameters = frozen | stage.online(state.learners)
-    return drive.test(plan.validation, parameters, VALIDATION_SEED, plan.validation_episodes)
+    try:
+        return drive.test(plan.validation, parameters, VALIDATION_SEED, plan.validation_episodes)
+    except NumbersError as error:
+        raise NumbersError(
+            f"{plan.name}, validation after chunk {ledger.chunks}: {error}",
+            (asdict(findings.Finding("validation")),),
+        ) from None
 
 
 def _score(plan: StagePlan, ledger: Ledger, validation: Episodes | None) -> tuple[float, ...]:

@@ -18,7 +18,8 @@ from lanewise.driving import restart
 from lanewise.learning import exploration, learner, replay
 from lanewise.learning.learner import Learner
 from lanewise.learning.replay import Replay
-from lanewise.training import rollout
+from lanewise.training import finite, rollout
+from lanewise.training.finite import Between, Finite
 from lanewise.training.rollout import Course, Finished, Rollout
 from lanewise.training.settings import LevelSettings
 from lanewise.training.transitions import Emitted
@@ -76,6 +77,8 @@ class ChunkMetrics:
     """[CHUNK, worlds] facts about episodes, meaningful where ``done``."""
     levels: dict[str, LevelMetrics]
     """By level that learns."""
+    finite: Finite
+    """Whether all numbers were."""
 
 
 @partial(jax.jit, static_argnums=0)
@@ -126,15 +129,30 @@ def advance(
     Returns:
         The state afterwards, and the chunk's metrics.
     """
+    return iterate(course, frozen, state, CHUNK)
+
+
+def iterate(
+    course: Course, frozen: Parameters, state: StageState, count: int
+) -> tuple[StageState, ChunkMetrics]:
+    """As `advance`, by any number of iterations, to be compiled by the caller."""
     zero = jnp.float32(0.0)
     nothing: dict[str, Sums] = {name: (zero, zero, zero) for name, _ in course.learning}
-    (state, sums), finished = jax.lax.scan(
-        partial(_iterate, course, frozen), (state, nothing), length=CHUNK
+    (state, sums), (finished, looks) = jax.lax.scan(
+        partial(_iterate, course, frozen), (state, nothing), length=count
     )
     levels = {
         name: _level_metrics(course, how, state, name, sums[name]) for name, how in course.learning
     }
-    return state, ChunkMetrics(finished=finished, levels=levels)
+    found = finite.of_chunk(
+        looks, finished, state.rollouts, _losses(sums), state.learners, state.replays
+    )
+    return state, ChunkMetrics(finished=finished, levels=levels, finite=found)
+
+
+def _losses(sums: dict[str, Sums]) -> dict[str, Array]:
+    """By level, the sum of the losses."""
+    return {name: loss for name, (_, loss, _) in sums.items()}
 
 
 def _level_metrics(
@@ -161,9 +179,10 @@ def epsilon(how: LevelSettings, worlds: int, iteration: Array) -> Array:
 
 def _iterate(
     course: Course, frozen: Parameters, carry: tuple[StageState, dict[str, Sums]], _: None
-) -> tuple[tuple[StageState, dict[str, Sums]], Finished]:
+) -> tuple[tuple[StageState, dict[str, Sums]], tuple[Finished, Between]]:
     """One decision in every world, then the updates that are due."""
     state, sums = carry
+    looked = finite.between(state.rollouts, _losses(sums))
     step_key, update_key = jax.random.split(jax.random.fold_in(state.key, state.iteration + 2))
     state, finished = _drive(course, frozen, state, step_key)
     learners = dict(state.learners)
@@ -173,7 +192,7 @@ def _iterate(
         learners[name], sums[name] = _learn(
             how, learners[name], state.replays[name], sums[name], due, _of_level(update_key, number)
         )
-    return (replace(state, learners=learners), sums), finished
+    return (replace(state, learners=learners), sums), (finished, looked)
 
 
 def _drive(

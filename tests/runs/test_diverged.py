@@ -1,0 +1,165 @@
+"""A training whose numbers go wrong stops, keeps what was good, and can be seen again."""
+
+import json
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from test_train import FLAGS
+
+import lanewise
+from lanewise.cli import main
+from lanewise.driving import observation, reward
+from lanewise.errors import NumbersError, RunError
+from lanewise.runs import again, checkpoint, diverged, metrics, train
+from lanewise.training import findings
+
+
+def rarely(world):
+    """Once in about a thousand decisions, told by the last digits of where a trap car is."""
+    return jnp.floor(world.vehicles.x[1] * 4096.0) % 1009.0 == 7.0
+
+
+def spoiling_observation(value):
+    def observe(settings, world):
+        features = observation.features(settings, world)
+        return features.at[3].set(jnp.where(rarely(world), value, features[3]))
+
+    return observe
+
+
+def spoiling_reward(value):
+    def rewarded(settings, world, steering, accident):
+        paid = reward.of_decision(settings, world, steering, accident)
+        return jnp.where(rarely(world), value, paid)
+
+    return rewarded
+
+
+def few_features(settings, world):
+    vehicles = world.vehicles
+    speed = jnp.where(rarely(world), jnp.nan, vehicles.speed[0] / 15.0)
+    return jnp.stack([vehicles.x[0] / 100.0, vehicles.y[0] / 4.0, speed])
+
+
+@pytest.fixture(autouse=True)
+def save_every_chunk(monkeypatch):
+    monkeypatch.setattr(train, "INTERVAL", 0.0)
+
+
+def failed(path, controller, parts, **settings):
+    """Train until it fails: the error."""
+    sections = {"single-level": "single_level", "h-dqn": "h_dqn"}
+    long = {f"{sections.get(controller, 'high_level')}.decisions": 4000}
+    flags = FLAGS | {"evaluation.validation_interval": 100} | long | settings
+    with pytest.raises(NumbersError, match=r"not finite.*; training stopped") as error:
+        lanewise.train(path, controller, parts=parts, seed=1, **flags)
+    return error.value
+
+
+def check_what_is_left(path, parts, what, stage):
+    """Of the run: files that are whole, and the same failure seen again."""
+    about = json.loads((path / diverged.FOLDER / diverged.FOUND).read_text())
+    assert about["found_again"]
+    assert about["found"][0]["what"] == what
+    assert about["stage"] == stage
+    assert about["seed"] == 1
+    lines = metrics.read(path / "metrics.jsonl")
+    chunks = [line["chunk"] for line in lines if line["kind"] == "chunk" and line["stage"] == stage]
+    assert chunks == list(range(1, about["chunk"]))
+    newest, warning = checkpoint.newest_valid(path / "checkpoints")
+    assert warning == ""
+    assert (newest.meta["ledger"]["chunks"] if newest else 0) == about["chunk"] - 1
+    assert not (path / "controller.json").exists()
+    moment = again.see(path, parts)
+    assert (moment.stage, moment.chunk) == (stage, about["chunk"])
+    assert moment.found[0].what == what
+    return about, moment
+
+
+def test_an_observation_that_is_not_finite(tmp_path):
+    path, parts = tmp_path / "run", lanewise.Parts(observe=few_features)
+    error = failed(path, "single-level", parts)
+    about, moment = check_what_is_left(path, parts, "observation", "single-level")
+    assert about["chunk"] > 1
+    assert str(error).count("\n") == 1
+    assert f"single-level, chunk {about['chunk']}: an observation is not finite" in str(error)
+    first = about["found"][0]
+    assert moment.iteration == first["iteration"]
+    wrong = np.argwhere(~np.isfinite(moment.observation))
+    assert [first["world"], 2] in wrong.tolist()
+    before = {file: (path / file).read_bytes() for file in ("metrics.jsonl", "settings.toml")}
+    with pytest.raises(NumbersError) as second:
+        lanewise.train(path, "single-level", parts=parts, resume=True)
+    assert str(second.value) == str(error)
+    assert before == {file: (path / file).read_bytes() for file in before}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf], ids=str)
+@pytest.mark.parametrize(
+    ("controller", "stage"), [("hierarchical", "step-1"), ("h-dqn", "h-dqn")], ids=str
+)
+def test_a_reward_that_is_not_finite(tmp_path, controller, stage, value):
+    path, parts = tmp_path / "run", lanewise.Parts(reward=spoiling_reward(value))
+    failed(path, controller, parts)
+    about, moment = check_what_is_left(path, parts, "reward", stage)
+    world = about["found"][0]["world"]
+    assert np.array_equal(moment.reward[world], np.float32(value), equal_nan=True)
+    assert np.isfinite(moment.observation).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("value", [np.nan, np.inf], ids=str)
+def test_an_observation_that_is_not_finite_in_h_dqn(tmp_path, value):
+    path, parts = tmp_path / "run", lanewise.Parts(observe=spoiling_observation(value))
+    failed(path, "h-dqn", parts)
+    check_what_is_left(path, parts, "observation", "h-dqn")
+
+
+DEEP = {"learner.hidden": (16,) * 8, "learner.learning_rate": 1.0}
+"""Adam moves every weight by 1 in each update: Q-values grow like the ninth power of that."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("controller", "level", "section"),
+    [
+        ("single-level", "single_level", "single_level"),
+        ("hierarchical", "low_level", "low_level"),
+        ("h-dqn", "low_level", "h_dqn.low_level"),
+    ],
+    ids=str,
+)
+def test_a_learning_rate_that_diverges(tmp_path, controller, level, section, capsys):
+    """From the command line, as anyone would meet it: two lines and exit code 2."""
+    path = tmp_path / "run"
+    flags = FLAGS | {f"{section}.{name}": value for name, value in DEEP.items()}
+    flags |= {f"{section}.updates_per_step": 1.0, "evaluation.validation_interval": 100}
+    words = []
+    for name, value in flags.items():
+        values = value if isinstance(value, tuple) else (value,)
+        words += [f"--{name}", *(str(one) for one in values)]
+    assert main(["train", controller, "--out", str(path), "--seed", "1", *words]) == 2
+    said = capsys.readouterr().err
+    assert f"the loss of {level} is not finite since decision" in said
+    assert f"lower learner.learning_rate of {level}" in said
+    assert "Traceback" not in said
+    stage = {"hierarchical": "step-2"}.get(controller, controller)
+    about, moment = check_what_is_left(path, lanewise.Parts(), "loss", stage)
+    assert not np.isfinite(moment.loss[level])
+    assert {one["what"] for one in about["found"]} <= {"loss", "weights"}
+    assert main(["train", controller, "--out", str(path), "--resume"]) == 2
+
+
+def test_nothing_to_see_where_nothing_went_wrong(tmp_path):
+    from test_train import create
+
+    create(tmp_path / "run", controller="single-level").close()
+    with pytest.raises(RunError, match="holds no training whose numbers went wrong"):
+        again.see(tmp_path / "run")
+
+
+def test_every_finding_has_its_advice():
+    every = set(diverged.ADVICE) - {"validation"}
+    assert len({findings.Finding(what, "q").said(0, 1) for what in every}) == 6

@@ -1,0 +1,222 @@
+"""What a training stage writes to its replays, booked once more in plain Python.
+
+A controller is wrapped so that its memory notes what every level saw and chose and what its goal
+came to; episodes, pay, discounts and next features are then worked out from these notes by hand.
+"""
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from lanewise.training import rollout, stage
+from lanewise.training.rollout import Finished
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Noted:
+    """A controller's own memory, and what was noted of the decision."""
+
+    own: Any
+    notes: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class NotedLevel:
+    """A level that notes when it chooses, what it sees, what it chooses."""
+
+    level: Any
+    below: tuple = ()
+    """Levels below it, whose view its choice changes."""
+
+    name = property(lambda self: self.level.name)
+    feature_count = property(lambda self: self.level.feature_count)
+    choice_count = property(lambda self: self.level.choice_count)
+
+    def ready(self, memory):
+        return self.level.ready(memory.own)
+
+    def features(self, memory, percept):
+        return self.level.features(memory.own, percept)
+
+    def choose(self, memory, percept, choice):
+        notes = dict(memory.notes)
+        notes[f"{self.name} ready"] = self.level.ready(memory.own)
+        notes[f"{self.name} saw"] = self.level.features(memory.own, percept)
+        notes[f"{self.name} chose"] = jnp.int32(choice)
+        own = self.level.choose(memory.own, percept, choice)
+        for level in self.below:
+            notes[f"{level.name} settled"] = level.features(own, percept)
+        return Noted(own, notes)
+
+
+@dataclass(frozen=True)
+class NotedController:
+    """A controller that notes."""
+
+    controller: Any
+
+    name = property(lambda self: self.controller.name)
+
+    @property
+    def levels(self):
+        every = self.controller.levels
+        return tuple(NotedLevel(level, tuple(every[i + 1 :])) for i, level in enumerate(every))
+
+    def start(self, percept):
+        own = self.controller.start(percept)
+        notes = {"before": jnp.float32(0.0), "after": jnp.float32(0.0), "reached": jnp.bool_(False)}
+        for level in self.levels:
+            nothing = jnp.zeros(level.feature_count, jnp.float32)
+            notes |= {f"{level.name} {what}": nothing for what in ("saw", "left", "settled")}
+            notes[f"{level.name} ready"] = jnp.bool_(False)
+            notes[f"{level.name} chose"] = jnp.int32(0)
+        return Noted(own, notes)
+
+    def act(self, memory, percept):
+        before = self.controller.feedback(memory.own, percept).distance
+        action, own = self.controller.act(memory.own, percept)
+        return action, Noted(own, memory.notes | {"before": before})
+
+    def perceive(self, memory, percept):
+        feedback = self.controller.feedback(memory.own, percept)
+        own = self.controller.perceive(memory.own, percept)
+        notes = memory.notes | {"after": feedback.distance, "reached": feedback.reached}
+        for level in self.levels:
+            notes[f"{level.name} left"] = level.level.features(own, percept)
+        return Noted(own, notes)
+
+    def feedback(self, memory, percept):
+        return self.controller.feedback(memory.own, percept)
+
+    def goal(self, memory):
+        return self.controller.goal(memory.own)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Seen(Finished):
+    """Facts and notes."""
+
+    notes: dict[str, Any]
+    paid: Any
+    """[] the decision's external reward."""
+
+
+def noting(course):
+    """The course with a controller that notes."""
+    return replace(course, controller=NotedController(course.controller))
+
+
+def drive(monkeypatch, course, frozen, key, chunks):
+    """The stage itself, chunk by chunk: (its last state, the notes [iterations, worlds])."""
+    own = rollout.step
+
+    def noted(course, parameters, before, epsilon, key):
+        after, emitted, finished = own(course, parameters, before, epsilon, key)
+        paid = after.tally.reward - before.tally.reward
+        facts = {name: getattr(finished, name) for name in Finished.__dataclass_fields__}
+        return after, emitted, Seen(**facts, notes=after.memory.notes, paid=paid)
+
+    monkeypatch.setattr(stage.rollout, "step", noted)
+    advance = jax.jit(partial(stage.iterate, course, frozen, count=stage.CHUNK))
+    state = stage.begin(course, frozen, key)
+    seen = []
+    for _ in range(chunks):
+        state, metrics = advance(state)
+        seen.append(jax.device_get(metrics.finished))
+    return state, jax.tree.map(lambda *parts: np.concatenate(parts), *seen)
+
+
+def book(course, seen, name):
+    """The rows of a level's replay, in the order in which they are written.
+
+    Without those of the last iteration: whether a choice follows it is not noted.
+
+    Args:
+        course: of the stage.
+        seen: [iterations, worlds] facts and notes.
+        name: of the level.
+    """
+    how = dict(course.learning)[name]
+    written = []
+    for world in range(seen.done.shape[1]):
+        begins = 0
+        for last in [*np.flatnonzero(seen.done[:, world]), len(seen.done) - 1]:
+            if last >= begins:
+                one = jax.tree.map(lambda leaf, w=world, b=begins, e=last: leaf[b : e + 1, w], seen)
+                rows = _episode(how, one, name, _view(course, name))
+                written += [(begins + end, world, -start, row) for start, end, row in rows]
+            begins = last + 1
+    # By decision, then by world; of those complete at once the newest choice is first.
+    written.sort(key=lambda entry: entry[:3])
+    return np.array([row for end, *_, row in written if end < len(seen.done) - 1])
+
+
+def _view(course, name):
+    """What a level sees where a transition leads to: (in an episode that goes on, at its end).
+
+    ``saw``, what it then chooses from; ``left``, the same with the goal it acted for, if any;
+    ``settled``, with the goal that the frozen level above it has set by then.
+    """
+    learning = dict(course.learning)
+    if name != "low_level":
+        return "saw", "left"
+    return ("left", "left") if "high_level" in learning else ("saw", "settled")
+
+
+def _episode(how, seen, name, view):
+    """Of one episode, maybe cut short: (first decision, last decision, row) of each transition."""
+    ready = np.flatnonzero(seen.notes[f"{name} ready"])
+    over, length = bool(seen.done[-1]), len(seen.done)
+    terminated = over and int(seen.accident[-1]) != 0
+    gamma, found = how.learner.discount, []
+    for number, start in enumerate(ready):
+        later = ready[number + 1 : number + 1 + how.returns]
+        if len(later) == how.returns:
+            stop = later[-1]
+        elif over:
+            stop = length
+        else:
+            continue
+        last = stop - 1
+        ended = over and stop == length
+        lost = ended and (terminated or how.time_out == "terminal")
+        lost |= how.goal_end == "terminal" and bool(seen.notes["reached"][last])
+        reward = 0.0
+        for at in range(start, stop):
+            choices = int(np.sum((ready > start) & (ready <= at)))
+            exponent = choices if how.discount_across_goal == "per-goal" else at - start
+            crash = terminated and at == length - 1
+            reward += gamma**exponent * _pay(how, seen, at, crash)
+        steps = len([r for r in ready if start <= r < stop])
+        exponent = steps if how.discount_across_goal == "per-goal" else stop - start
+        discount = 0.0 if lost else gamma**exponent
+        row = [
+            *seen.notes[f"{name} saw"][start],
+            seen.notes[f"{name} chose"][start],
+            reward,
+            discount,
+            *_next(seen, name, stop, view[int(ended)]),
+        ]
+        found.append((start, last, row))
+    return found
+
+
+def _pay(how, seen, at, crash):
+    """What a decision pays a level."""
+    paid = how.external_weight * float(seen.paid[at])
+    if crash:
+        return paid
+    before, after = float(seen.notes["before"][at]), float(seen.notes["after"][at])
+    paid += how.approach_weight * (before - after) - how.tracking_weight * after
+    return paid + how.goal_reward * bool(seen.notes["reached"][at])
+
+
+def _next(seen, name, stop, what):
+    """What the level sees where a transition leads to, never of a fresh episode."""
+    return seen.notes[f"{name} {what}"][stop if what == "saw" else stop - 1]

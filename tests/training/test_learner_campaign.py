@@ -1,0 +1,66 @@
+"""A small part of `campaigns/learner.py`: updates on transitions that training itself has written.
+
+The campaign does the same for every level of every controller and preset.
+"""
+
+from dataclasses import replace
+
+import jax
+import learner
+import numpy as np
+import pytest
+from test_stage import COURSE
+
+from lanewise import config
+from lanewise.training import recipe, stage
+
+QUICK = config.compose()
+
+
+@pytest.fixture(scope="module")
+def rows():
+    """What two chunks of the single-level controller leave in its replay."""
+    state = stage.begin(COURSE, {}, jax.random.key(0))
+    for _ in range(2):
+        state, _ = stage.advance(COURSE, {}, state)
+    return np.asarray(state.replays["single_level"].rows, np.float64)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(one, id=one or "quick", marks=pytest.mark.slow if one else ())
+        for one in learner.CHANGES
+    ],
+)
+def test_a_thousand_updates_of_the_single_level_controller(rows, change):
+    how = replace(QUICK.single_level.learner, hidden=(24, 24), **learner.CHANGES[change])
+    found = learner.compare(how, rows, 9, updates=1000)
+    assert max(found["loss"], found["online"], found["target"]) <= learner.LIMIT
+    assert found["last_loss"] > 0.0
+
+
+def test_another_target_would_be_seen(rows):
+    """A reference that bootstraps from a slightly different discount is far beyond the limit."""
+    how = replace(QUICK.single_level.learner, hidden=(24, 24))
+    inputs = (rows.shape[1] - 3) // 2
+    batches = list(learner.batches(rows, 8, 3, 0))
+    layers = [[np.full((inputs, 9), 0.01), np.zeros(9)]]
+    ours, theirs = learner.Reference(how, layers), learner.Reference(how, layers)
+    for batch in batches:
+        ours.update(batch)
+        theirs.update(replace(batch, discount=batch.discount * (1.0 + 1e-6)))
+    assert learner._error(ours.online, theirs.online) > 100 * learner.LIMIT
+
+
+@pytest.mark.slow
+def test_both_levels_of_h_dqn():
+    (of_stage,) = recipe.RECIPES["h-dqn"]
+    driven = learner.transitions(QUICK, of_stage)
+    for name, how in recipe.learning(QUICK, of_stage):
+        small = replace(how.learner, hidden=(24, 24))
+        found = learner.compare(small, driven[name], 9, updates=1000)
+        assert max(found["loss"], found["online"], found["target"]) <= learner.LIMIT
+    assert driven["high_level"].shape[1] == 2 * 26 + 3
+    assert driven["low_level"].shape[1] == 2 * 28 + 3
+    assert len(driven["high_level"]) < len(driven["low_level"])
