@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import jax
 import numpy as np
-from law_symmetries import taken
 from law_worlds import (
     DECISIONS,
     NUMBERS,
@@ -16,6 +15,7 @@ from law_worlds import (
     compare,
     drivers_with,
     road_with,
+    taken,
     vehicles_with,
 )
 

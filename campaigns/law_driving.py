@@ -5,8 +5,8 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
-from law_symmetries import mirrored, shifted, taken
-from law_worlds import Found, Law, lane_distances, vehicles_with
+from law_symmetries import mirrored, shifted
+from law_worlds import Found, Law, lane_distances, taken, vehicles_with
 
 from lanewise.driving import accidents, observation, reward
 from lanewise.driving.settings import DrivingSettings, ObservationSettings, RewardSettings

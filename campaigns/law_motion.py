@@ -144,7 +144,7 @@ def straight(worlds, rng):
         y=centre,
         heading=zero,
         slip_sine=zero,
-        target_lane=lane.astype(np.int32),
+        target_lane=lane,
         impacted=np.zeros_like(worlds.vehicles.impacted),
     )
     before, now = worlds.vehicles, after(worlds)

@@ -19,6 +19,7 @@ from law_worlds import (
     lane_distances,
     lane_of,
     road_with,
+    taken,
     vehicles_with,
 )
 
@@ -97,7 +98,7 @@ def mirror(worlds, rng):
     worlds = vehicles_with(worlds, y=np.where(tied, worlds.vehicles.y + 1e-3, worlds.vehicles.y))
     lanes = worlds.road.present.sum(axis=1)
     lane = lane_of(worlds)
-    while True:
+    for _ in range(present.shape[1]):
         first = after(worlds)
         second = mirrored_vehicles(after(mirrored(worlds)), lanes)
         right, left = first.target_lane == lane + 1, second.target_lane == lane - 1
@@ -137,12 +138,6 @@ def _level(vehicles):
     return (level & other).any(axis=-1) & vehicles.impacted
 
 
-def taken(tree, order):
-    """Arrays of vehicles in another order, [W, N]."""
-    values = {name: np.take_along_axis(value, order, 1) for name, value in vars(tree).items()}
-    return type(tree)(**values)
-
-
 def reorder(worlds, rng):
     """Vehicles in any other order of the list do the same, to the bit (pushes within 1e-12 m).
 
@@ -156,7 +151,8 @@ def reorder(worlds, rng):
     order = rng.permuted(np.tile(np.arange(size), (count, 1)), axis=1)
     back = order.argsort(axis=1)
     worlds = _untied(worlds, found)
-    while True:
+    lane = lane_of(worlds)
+    for _ in range(size):
         first = after(worlds)
         other = World(worlds.road, taken(worlds.drivers, order), taken(worlds.vehicles, order))
         second = taken(after(other), back)
@@ -167,7 +163,7 @@ def reorder(worlds, rng):
         found.quirks["decisions-in-list-order"] += int(differ.sum())
         worlds = vehicles_with(
             worlds,
-            target_lane=np.where(differ, lane_of(worlds), worlds.vehicles.target_lane),
+            target_lane=np.where(differ, lane, worlds.vehicles.target_lane),
             timer=np.where(differ, 0.0, worlds.vehicles.timer),
         )
     compare(found, first, second, present, names=(*NUMBERS, "target_lane"))

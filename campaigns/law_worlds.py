@@ -124,6 +124,12 @@ def road_with(worlds, **values):
     return replace(worlds, road=replace(worlds.road, **values))
 
 
+def taken(tree, order):
+    """Arrays of vehicles in another order, [W, N]."""
+    values = {name: np.take_along_axis(value, order, 1) for name, value in vars(tree).items()}
+    return type(tree)(**values)
+
+
 def lane_distances(worlds):
     """Distance of every vehicle from every lane, infinite to an absent one, [W, N, M] m."""
     road, vehicles = worlds.road, worlds.vehicles
@@ -134,8 +140,8 @@ def lane_distances(worlds):
 
 
 def lane_of(worlds):
-    """The nearest lane of every vehicle, [W, N]."""
-    return lane_distances(worlds).argmin(axis=-1)
+    """The nearest lane of every vehicle, int32 [W, N]."""
+    return lane_distances(worlds).argmin(axis=-1).astype(np.int32)
 
 
 def compare(found, first, second, where, allowed=0.0, names=NUMBERS + PUSHES + DECISIONS):

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import jax
 import numpy as np
-from law_symmetries import mirrored, mirrored_vehicles, taken
-from law_worlds import after, fit, stack
+from law_symmetries import mirrored, mirrored_vehicles
+from law_worlds import after, fit, stack, taken
 from laws_strategies import BATCH, SIZE
 
 from lanewise.interop.highway_env import build_env, read_world
