@@ -80,7 +80,7 @@ GATES = (
     Gate("lint: docstrings", "ruff check .", "src/lanewise/cores.py", "",
          "\n\ndef undocumented() -> None:\n    return\n", "D103"),
     Gate("format", "ruff format --check .", "src/lanewise/world/idm.py", "", "\nX  =  1\n",
-         "Would reformat: src/lanewise/world/idm.py"),
+         "1 file would be reformatted"),
     Gate("types", "mypy", "src/lanewise/cores.py", "", "\nWRONG: int = 'text'\n",
          "Incompatible types in assignment"),
     Gate("types: annotations", "mypy", "src/lanewise/cores.py", "",
@@ -136,15 +136,23 @@ def look(gate, tree):
     return done.returncode, done.stdout + done.stderr
 
 
-def try_gate(gate, tree):
-    """Both looks at one gate; the copy is afterwards what it was."""
+def try_gate(gate, tree, seen_green=frozenset()):
+    """Both looks at one gate; the copy is afterwards what it was.
+
+    Args:
+        gate: which.
+        tree: the copy.
+        seen_green: commands that were green in the copy as it is; they need not look again.
+    """
     path, began = tree / gate.file, time.monotonic()
     before = path.read_text() if path.exists() else None
     good = before if gate.good is None else gate.good
     try:
         path.write_text(good)
-        status, said = look(gate, tree)
-        green, wrong = status == 0, said
+        green, wrong = gate.good is None and gate.command in seen_green, ""
+        if not green:
+            status, wrong = look(gate, tree)
+            green = status == 0
         path.write_text(gate.broken(good))
         status, said = look(gate, tree)
     finally:
@@ -171,12 +179,14 @@ def main():
     gates = [gate for gate in GATES if not arguments.only or gate.name in arguments.only]
     tree = arguments.work.resolve() / "tree"
     copy_tree(ROOT, tree)
-    rows, held = [], 0
+    rows, held, seen_green = [], 0, set()
     with Progress() as reporter:
         reporter.stage("gates", len(gates))
         for number, gate in enumerate(gates, start=1):
-            row, said = try_gate(gate, tree)
+            row, said = try_gate(gate, tree, seen_green)
             rows.append(row)
+            if row["green_without"] and gate.good is None:
+                seen_green.add(gate.command)
             good = row["green_without"] and row["red_with"]
             held += good
             if not good:
