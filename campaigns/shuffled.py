@@ -2,14 +2,13 @@
 
 python campaigns/shuffled.py
 
-Which tests: those not marked slow whose text, or that of a helper or fixture in their file, has one
-of the names below. Each run has its own order, hash seed and time zone. The cheapest files take
-part in every run; the others take turns, as many as fit into what a run may cost (`--all`: every
-file in every run). A first run in the order as written measures that. A stopped campaign continues.
+Which tests take part is told by `shuffle_selection.py`. Each run has its own order, hash seed and
+time zone. The cheapest files take part in every run; the others take turns, as many as fit into
+what a run may cost (`--all`: every file in every run). A first run in the order as written measures
+that. A stopped campaign continues.
 """
 
 import argparse
-import ast
 import hashlib
 import json
 import os
@@ -19,80 +18,17 @@ import time
 from pathlib import Path
 
 import record
+from shuffle_selection import WORDS, select
 
 from lanewise.progress import Progress
 
 ROOT = Path(__file__).parents[1]
-WORDS = {
-    "randomness": {"random", "given", "seed"},
-    "time": {"time", "monotonic", "perf_counter", "sleep", "datetime", "clock", "signal"},
-    "files": {
-        "tmp_path", "tmp_path_factory", "open", "mkdir", "read_text", "write_text", "read_bytes",
-        "write_bytes", "Path", "chdir", "subprocess",
-    },
-}  # fmt: skip
 ZONES = ("UTC", "Pacific/Kiritimati", "America/St_Johns", "Asia/Kathmandu", "Pacific/Pago_Pago")
+PLAIN = ("-o", "addopts=", "-q", "-m", "not slow", "-p", "no:cacheprovider", "-p", "no:xdist")
+PLAIN += ("-p", "shuffle_order")
+"""Options of pytest: one process, nothing remembered, the plugin."""
 EVERY_RUN = 0.6
 """Share of what a run may cost that goes to files which take part in all of them."""
-
-
-def names_in(node):
-    """Every name that a piece of a program mentions."""
-    found = set()
-    for part in ast.walk(node):
-        match part:
-            case ast.Name(id=name) | ast.Attribute(attr=name) | ast.arg(arg=name):
-                found.add(name)
-            case ast.keyword(arg=str(name)):
-                found.add(name)
-    return found
-
-
-def is_slow(node, marks):
-    """Whether a function, or its whole file, is marked slow."""
-    decorators = [ast.unparse(decorator) for decorator in node.decorator_list]
-    return any(text.startswith("pytest.mark.slow") for text in [*decorators, *marks])
-
-
-def reasons_of(path):
-    """{test: kinds of words it has}, of one file; tests without any are left out."""
-    body = ast.parse(path.read_text()).body
-    tops = {node.name: node for node in body if hasattr(node, "name")}
-    for node in body:
-        if isinstance(node, ast.Assign):
-            tops |= {target.id: node for target in node.targets if isinstance(target, ast.Name)}
-    mentions = {name: names_in(node) for name, node in tops.items()}
-    marks = [ast.unparse(tops["pytestmark"].value)] if "pytestmark" in tops else []
-
-    def reached(names):
-        seen, left = set(), set(names)
-        while left:
-            name = left.pop()
-            seen.add(name)
-            left |= mentions.get(name, set()) - seen
-        return seen
-
-    tests = [(node.name, node) for node in body if getattr(node, "name", "").startswith("test_")]
-    for node in body:
-        if isinstance(node, ast.ClassDef) and node.name.startswith("Test"):
-            inner = [part for part in node.body if getattr(part, "name", "").startswith("test_")]
-            tests += [(f"{node.name}::{part.name}", part) for part in inner]
-    found = {}
-    for name, node in tests:
-        used = reached(names_in(node) | mentions.get("pytestmark", set()))
-        kinds = [kind for kind, words in WORDS.items() if words & used]
-        if kinds and not is_slow(node, marks):
-            found[name] = kinds
-    return found
-
-
-def select(root=ROOT):
-    """{test: kinds of words it has}, of the whole suite."""
-    return {
-        f"{path.relative_to(root)}::{name}": kinds
-        for path in sorted((root / "tests").rglob("test_*.py"))
-        for name, kinds in reasons_of(path).items()
-    }
 
 
 def run(tests, seed, work, root=ROOT):
@@ -108,28 +44,18 @@ def run(tests, seed, work, root=ROOT):
         "TZ": ZONES[(seed or 0) % len(ZONES)],
         "JAX_COMPILATION_CACHE_DIR": str(work / "compiled"),
     }
-    options = ["-p", "shuffle_order", "--shuffle-only", only, "--shuffle-report", report]
-    options += [
-        "-o",
-        "addopts=",
-        "-q",
-        "-m",
-        "not slow",
-        "-p",
-        "no:cacheprovider",
-        "-p",
-        "no:xdist",
-    ]
+    options = [*PLAIN, "--shuffle-only", only, "--shuffle-report", report]
     if seed is not None:
         options += ["--shuffle-seed", seed]
     files = sorted({test.split("::")[0] for test in tests})
     began = time.monotonic()
     with (work / "tests.log").open("w") as log:
-        subprocess.run(
+        status = subprocess.run(
             [sys.executable, "-m", "pytest", *map(str, options), *files],
             cwd=root, env=environment, stdout=log, stderr=log, check=False,
-        )  # fmt: skip
-    if not report.exists():
+        ).returncode  # fmt: skip
+    # 0 and 1: all have passed, some have failed. Anything else is no run.
+    if status not in (0, 1) or not report.exists():
         raise SystemExit(f"the tests cannot be run; see {work / 'tests.log'}")
     return json.loads(report.read_text()), time.monotonic() - began
 
@@ -143,27 +69,33 @@ def costs(outcomes):
     return found
 
 
-def plan(cost, runs, budget):
-    """The files of each run: the cheapest in all of them, the others in turn."""
+def share_out(cost, turn, budget):
+    """The files of one run: the cheapest, and of the others those whose turn it is.
+
+    Args:
+        cost: by file, s.
+        turn: of all turns so far, the number of the next.
+        budget: what a run may cost, s.
+
+    Returns:
+        (files, the number of the next turn).
+    """
     always, spent = [], 0.0
     for file in sorted(cost, key=cost.get):
         if spent + cost[file] > EVERY_RUN * budget:
             break
         always.append(file)
         spent += cost[file]
-    turns = [file for file in sorted(cost) if file not in always]
-    chosen, next_turn = [], 0
-    for _ in range(runs):
-        files, left = list(always), budget - spent
-        for _ in turns:
-            file = turns[next_turn % len(turns)]
-            if len(files) > len(always) and cost[file] > left:
-                break
-            files.append(file)
-            left -= cost[file]
-            next_turn += 1
-        chosen.append(files)
-    return chosen
+    others = [file for file in sorted(cost) if file not in always]
+    files = list(always)
+    for _ in others:
+        file = others[turn % len(others)]
+        if len(files) > len(always) and spent + cost[file] > budget:
+            break
+        files.append(file)
+        spent += cost[file]
+        turn += 1
+    return files, turn
 
 
 def digest(root=ROOT):
@@ -213,41 +145,50 @@ def figures(tests, first, runs):
     }
 
 
+def campaign(tests, kept, work, seeds, budget, reporter):
+    """The run in the order as written, then one for each seed.
+
+    Raises:
+        SystemExit: a test fails in the order as written.
+    """
+    reporter.stage(f"{len(tests)} tests in the order as written", 1.0)
+    first = kept.get(None, lambda: run(tests, None, work))
+    if first["failed"]:
+        raise SystemExit(f"in the order as written: {' '.join(first['failed'])}")
+    reporter.stage("runs", len(seeds))
+    runs, turn, cost = [], 0, dict(first["files"])
+    for seed in seeds:
+        files, turn = share_out(cost, turn, budget)
+        some = [test for test in tests if test.split("::")[0] in files]
+        runs.append(kept.get(seed, lambda some=some, seed=seed: run(some, seed, work)))
+        # The first run compiled what later ones find.
+        cost |= runs[-1]["files"]
+        for test in runs[-1]["failed"]:
+            reporter.note(f"seed {seed}: {test} failed")
+        reporter.update(len(runs))
+    return first, runs
+
+
 def main():
     """Shuffle, and store what came of it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1, help="of the first run; then one more each")
     parser.add_argument("--budget", type=float, default=90.0, help="CPU time of a run, s")
-    parser.add_argument("--only", nargs="*", help="files or folders of tests; nothing is stored")
     parser.add_argument("--all", action="store_true", help="every file in every run")
+    parser.add_argument("--only", nargs="*", default=[], help="files or folders; nothing is stored")
     parser.add_argument("--work", type=Path, default=ROOT / "build" / "shuffled")
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "trust" / "shuffled.json")
     arguments = parser.parse_args()
     work = arguments.work.resolve()
     work.mkdir(parents=True, exist_ok=True)
-    tests = select()
-    if arguments.only:
-        within = tuple(arguments.only)
-        tests = {test: kinds for test, kinds in tests.items() if test.startswith(within)}
-    kept = Kept(work / "runs.jsonl", digest())
+    within = tuple(arguments.only) or ("tests",)
+    tests = {test: kinds for test, kinds in select().items() if test.startswith(within)}
+    kept = Kept(work / "runs.jsonl", f"{digest()} {within}")
+    budget = float("inf") if arguments.all else arguments.budget
+    seeds = range(arguments.seed, arguments.seed + arguments.runs)
     with Progress() as reporter:
-        reporter.stage(f"{len(tests)} tests in the order as written", 1.0)
-        first = kept.get(None, lambda: run(tests, None, work))
-        if first["failed"]:
-            raise SystemExit(f"in the order as written: {' '.join(first['failed'])}")
-        budget = float("inf") if arguments.all else arguments.budget
-        turns = plan(first["files"], arguments.runs, budget)
-        reporter.stage("runs", arguments.runs)
-        runs = []
-        for number, files in enumerate(turns):
-            some = [test for test in tests if test.split("::")[0] in files]
-            seed = arguments.seed + number
-            runs.append(kept.get(seed, lambda some=some, seed=seed: run(some, seed, work)))
-            for test in runs[-1]["failed"]:
-                reporter.note(f"seed {seed}: {test} failed")
-            reporter.update(number + 1)
-    found = figures(tests, first, runs)
+        found = figures(tests, *campaign(tests, kept, work, seeds, budget, reporter))
     if not arguments.only:
         record.store(arguments.out, found, arguments.seed)
     print(f"{found['runs']} runs of {found['tests_run']} tests, {len(found['failures'])} failures")
