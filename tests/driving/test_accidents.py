@@ -37,7 +37,9 @@ def test_the_first_of_the_list_is_reported():
     assert code(ego_world(speed=0.0, crashed=True)) == accidents.COLLISION
 
 
-@pytest.mark.parametrize(("speed", "stopped"), [(0.11, False), (0.09, True), (-1.0, True)])
+@pytest.mark.parametrize(
+    ("speed", "stopped"), [(0.11, False), (0.1, False), (0.09, True), (-1.0, True)]
+)
 def test_stopped_is_below_the_threshold(speed, stopped):
     assert (code(ego_world(speed=speed)) == accidents.STOPPED) == stopped
 

@@ -36,6 +36,13 @@ def test_index_is_the_inverse_of_signs():
     assert [int(sign) for sign in actions.signs(jnp.int32(actions.IDLE))] == [0, 0]
 
 
+def test_shares_of_the_commands_are_clipped():
+    settings = ActionSettings(acceleration=2.0, steering=0.1)
+    for shares, expected in (((0.5, -0.5), (1.0, -0.05)), ((3.0, -7.0), (2.0, -0.1))):
+        commands = actions.shared(settings, jnp.array(shares))
+        np.testing.assert_allclose(commands, expected, rtol=1e-6)
+
+
 def test_positive_steering_turns_to_the_right():
     world = world_of([0.0], [4.0], [10.0])
     right = actions.index(jnp.int32(0), jnp.int32(1))

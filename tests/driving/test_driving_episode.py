@@ -1,5 +1,6 @@
 from dataclasses import replace
 from functools import partial
+from math import sin
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +9,8 @@ from driving_worlds import world_of
 
 from lanewise.driving import accidents, actions, episode
 from lanewise.driving.settings import DrivingSettings
+from lanewise.world.state import RULE_BASED
+from lanewise.world.steering import slip_sine
 
 DRIVING = DrivingSettings()
 JUDGE = jax.jit(partial(episode.judge, DRIVING), static_argnums=3)
@@ -66,6 +69,18 @@ def test_reward_is_of_the_state_after_the_decision():
     assert float(outcome.reward) == pytest.approx(
         (1.5 * (8 / 25 * 13.0 - 19 / 5) + 0.05) / 1.6, abs=1e-5
     )
+
+
+def test_what_a_rule_based_ego_steers_costs():
+    world = trap_world(0.0, ego_speed=12.5)
+    kind = world.drivers.kind.at[0].set(RULE_BASED)
+    slip = world.vehicles.slip_sine.at[0].set(slip_sine(jnp.float32(0.3)))
+    for kinds, steered in ((world.drivers.kind, 0.0), (kind, 0.3)):
+        drivers = replace(world.drivers, kind=kinds)
+        after = replace(world, drivers=drivers, vehicles=replace(world.vehicles, slip_sine=slip))
+        _, outcome = JUDGE(episode.begin(after), after, jnp.float32(0.0), 50)
+        expected = (1.5 * 0.2 + 0.05 - 0.05 * sin(steered)) / 1.6
+        assert float(outcome.reward) == pytest.approx(expected, abs=1e-5)
 
 
 @pytest.mark.parametrize(("ego_x", "escaped"), [(104.9, False), (105.1, True)])

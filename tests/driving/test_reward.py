@@ -57,6 +57,12 @@ def test_weights_are_normalised_by_their_sum():
     assert total(14.0, 1.0, 0.1, settings=speed_only) == pytest.approx(paper_speed_term(14.0))
 
 
+def test_each_term_has_its_own_weight():
+    settings = RewardSettings(speed_weight=1.0, steering_weight=2.0, centring_weight=5.0)
+    expected = (0.2 - 2.0 * sin(0.3) + 5.0 * exp(-1.5 * 0.25)) / 8.0
+    assert total(12.5, 0.5, 0.3, settings=settings) == pytest.approx(expected)
+
+
 def test_an_accident_replaces_the_reward():
     assert total(15.0, accident=True) == -10.0
     assert total(0.0, 2.0, 0.1, accident=True, settings=RewardSettings(accident_penalty=3.0)) == -3

@@ -1,4 +1,5 @@
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -104,6 +105,39 @@ def test_episodes_do_not_depend_on_how_many_are_driven_with_them(monkeypatch):
         np.testing.assert_array_equal(getattr(few, name), getattr(many, name)[:5])
     # The ego speeds up behind trap car 1, at a distance that differs, until it hits it.
     assert len(np.unique(many.accumulated_reward)) > 1
+
+
+def decided(decisions, speed, escaped, terminated=False):
+    """An episode and its outcome after so many decisions."""
+    vehicles = SimpleNamespace(x=jnp.array([5.0 * decisions]), speed=jnp.array([speed]))
+    state = SimpleNamespace(
+        world=SimpleNamespace(vehicles=vehicles),
+        decisions=jnp.int32(decisions),
+        escaped=jnp.bool_(escaped),
+    )
+    return state, SimpleNamespace(
+        reward=jnp.float32(1.0),
+        accident=jnp.int32(terminated),
+        terminated=jnp.bool_(terminated),
+        truncated=jnp.bool_(False),
+    )
+
+
+def test_the_escape_time_is_the_first_and_an_accident_takes_success_away():
+    driving, sums = DrivingSettings(), drive.nothing_yet()
+    for number, escaped in enumerate((False, True, True), start=1):
+        sums = drive.gather(driving, sums, *decided(number, 10.0, escaped), None)
+    crashed = drive.gather(driving, sums, *decided(4, 6.0, True, terminated=True), None)
+    # After the end nothing counts any more.
+    over = drive.gather(driving, crashed, *decided(5, 99.0, True), None)
+    found = drive.as_episodes(driving, jax.tree.map(lambda *a: np.array(a), sums, crashed, over))
+    assert found.escape_time.tolist() == [1.0, 1.0, 1.0]
+    assert found.success.tolist() == [True, False, False]
+    assert found.accident.tolist() == [0, 1, 1]
+    assert found.duration.tolist() == [1.5, 2.0, 2.0]
+    np.testing.assert_allclose(found.average_speed, [10.0, 9.0, 9.0])
+    # One reward at the end of the first second; the accident's is at the end of the next.
+    assert found.accumulated_reward.tolist() == [1.0, 2.0, 2.0]
 
 
 def test_a_recording_agrees_with_the_test(monkeypatch):

@@ -55,6 +55,13 @@ def test_values(summary, name, value):
     assert low < value < high
 
 
+def test_no_accident_is_no_success():
+    """An episode may end in neither: the ego just stays behind the trap."""
+    behind = dataclasses.replace(FOUR, success=np.array([True, False, False, False]))
+    found = metrics.summarise(behind, controller="hierarchical", world="lanewise").values
+    assert (found["success_rate"], found["accident_rate"]) == (0.25, 0.5)
+
+
 def test_every_metric_is_computed_and_explained(summary):
     assert list(summary.values) == [metric.name for metric in metrics.METRICS]
     assert all(metric.meaning and metric.title for metric in metrics.METRICS)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -246,6 +247,16 @@ def test_finished_episodes_carry_the_sums_of_the_plain_drive():
     ends = rewards[1::2] + (rewards[-1:] if len(rewards) % 2 and outcome.terminated else [])
     assert float(finished.timestep_reward[at]) == pytest.approx(sum(ends), rel=1e-4)
     assert float(finished.average_speed[at]) == pytest.approx(np.mean(speeds), rel=1e-5)
+
+
+def test_an_accident_takes_success_away():
+    for terminated in (False, True):
+        state = SimpleNamespace(escaped=jnp.bool_(True), decisions=jnp.int32(4))
+        outcome = SimpleNamespace(terminated=jnp.bool_(terminated), accident=jnp.int32(0))
+        tally = rollout.Tally(jnp.float32(1.0), jnp.float32(2.0), jnp.float32(40.0))
+        found = rollout._finish(state, outcome, tally, jnp.bool_(True))
+        assert bool(found.success) != terminated
+        assert float(found.average_speed) == 10.0
 
 
 TWO_LEVELS = {

@@ -1,5 +1,6 @@
 from dataclasses import replace
 from fractions import Fraction
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +11,8 @@ from lanewise.controllers.hierarchical import Hierarchical
 from lanewise.controllers.settings import GoalSettings
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.settings import DrivingSettings
+from lanewise.learning import replay
+from lanewise.learning.replay import Transition
 from lanewise.learning.settings import ExplorationSettings, LearnerSettings
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
 from lanewise.training import stage
@@ -114,6 +117,58 @@ def test_worlds_of_a_stage_differ_from_one_another():
     state, _ = run(0, 1)
     positions = np.asarray(state.rollouts.episode.world.vehicles.x)
     assert len(np.unique(positions[:, 1])) == 4
+
+
+def test_every_iteration_explores_anew():
+    state, _ = run(0, 1)
+    memory = state.replays["single_level"]
+    written = int(memory.position) - 150 + np.arange(150)
+    chosen = np.asarray(memory.rows[written % 150, 26])
+    # Worlds write in turn; a third of the choices in the first chunk is random.
+    assert all(len(set(chosen[written % 4 == world])) >= 5 for world in range(4))
+
+
+def test_every_update_draws_its_own_batch(monkeypatch):
+    numbers = np.arange(16, dtype=np.int32)
+    batch = Transition(
+        features=np.zeros((16, 2), np.float32),
+        action=numbers,
+        reward=np.zeros(16, np.float32),
+        discount=np.zeros(16, np.float32),
+        next_features=np.zeros((16, 2), np.float32),
+    )
+    memory = replay.add(replay.empty(16, 2), batch, jnp.ones(16, bool))
+
+    def note(how, seen, drawn):
+        """In place of an update: which transitions were drawn, as bits."""
+        return seen | (1 << drawn.action[0]), SimpleNamespace(loss=1.0, mean_q=2.0)
+
+    monkeypatch.setattr(stage.learner, "update", note)
+    how = replace(SETTINGS, learner=replace(SETTINGS.learner, batch_size=1))
+    sums = (jnp.float32(0.0),) * 3
+    key = jax.random.key(0)
+    seen, sums = stage._learn(how, jnp.int32(0), memory, sums, jnp.int32(12), key)
+    assert int(seen).bit_count() > 4
+    assert [float(one) for one in sums] == [12.0, 12.0, 24.0]
+
+
+def test_a_chunk_reports_means_over_its_updates():
+    state = SimpleNamespace(
+        iteration=jnp.int32(50),
+        replays={"q": SimpleNamespace(position=jnp.int32(9))},
+        learners={"q": SimpleNamespace(updates=jnp.int32(4))},
+    )
+    sums = tuple(jnp.float32(value) for value in (4.0, 10.0, -6.0))
+    found = stage._level_metrics(COURSE, SETTINGS, state, "q", sums)
+    assert (float(found.loss), float(found.mean_q)) == (2.5, -1.5)
+    assert (int(found.transitions), int(found.updates)) == (9, 4)
+
+
+def test_levels_draw_from_streams_of_their_own():
+    key = jax.random.key(3)
+    streams = [plain(stage._of_level(key, number))[0].tolist() for number in range(3)]
+    assert streams[0] == plain(key)[0].tolist()
+    assert len({tuple(stream) for stream in streams}) == 3
 
 
 def test_epsilon_counts_all_worlds_or_each():

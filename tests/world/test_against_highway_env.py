@@ -141,6 +141,39 @@ def test_steering(scene):
             np.testing.assert_allclose(ours[i], np.sin(np.arctan(np.tan(angle) / 2)), atol=1e-15)
 
 
+def test_the_steering_angle_of_a_slip():
+    angles = jnp.linspace(-1.4, 1.4, 57)
+    np.testing.assert_allclose(steering.of_slip(steering.slip_sine(angles)), angles, rtol=1e-12)
+
+
+def test_outside_the_road_there_is_no_lane():
+    assert road.lane_bit(jnp.arange(-2, 4)).tolist() == [0, 0, 1, 2, 4, 8]
+
+
+def test_a_reversing_vehicle_makes_no_effort(make_world):
+    assert look(make_world([0, 50], [0, 0], [-3.0, 10.0])).effort.tolist()[0] == 0.0
+
+
+def test_who_changes_lanes_does_not_think_of_another_change(make_world):
+    world = make_world([0, 50, 100], [0, 0, 0], timer=[2, 2, 2])
+    targets = jnp.array([0, 1, 0], jnp.int32)
+    world = replace(world, vehicles=replace(world.vehicles, target_lane=targets))
+    assert mobil.due(world, look(world)).tolist() == [False, False, True]
+
+
+def test_a_pair_is_checked_when_either_checks(make_world):
+    world = make_world([0, 3, 6], [0, 0, 0])
+    for checks, met in (
+        ([True, False, False], [0b110, 0b001, 0b001]),
+        ([False, True, False], [0b010, 0b101, 0b010]),
+        ([False] * 3, [0, 0, 0]),
+    ):
+        drivers = replace(world.drivers, checks_collisions=jnp.array(checks))
+        some = replace(world, drivers=drivers)
+        everyone = boxes.of_vehicles(some, motion.facing(some.vehicles))
+        assert collision.candidates(some, everyone, 0.1)[0].tolist() == met
+
+
 def test_bicycle(scene):
     world = bicycle.command(scene.world, 0.7, -0.3)
     moved = bicycle.move(world, motion.facing(world.vehicles), 0.1).vehicles
