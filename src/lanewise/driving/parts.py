@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -65,3 +66,14 @@ class Parts:
 
 OURS = Parts()
 """The paper's."""
+
+
+def checked(parts: Any) -> Parts:
+    """Parts that a user gave.
+
+    Raises:
+        SettingsError: they are something else.
+    """
+    if not isinstance(parts, Parts):
+        raise SettingsError(f"parts: expected lanewise.Parts(...), got {str(parts)[:80]}")
+    return parts
