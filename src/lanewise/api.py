@@ -6,10 +6,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lanewise import interop
 from lanewise.controllers.planned import Planned
 from lanewise.controllers.single_level import SingleLevel
-from lanewise.driving.parts import OURS, Parts
+from lanewise.driving.parts import OURS, Parts, checked
 from lanewise.envs import functional, keywords
 from lanewise.envs.control import Goals
 from lanewise.errors import LanewiseError, RunError, SettingsError
@@ -21,6 +23,7 @@ from lanewise.evaluation.outside import OutsideCourse
 from lanewise.experiments import testing
 from lanewise.names import look_up
 from lanewise.progress import Progress
+from lanewise.ranges import Between, Kind
 from lanewise.report import files, table
 from lanewise.runs import train as training
 from lanewise.runs import trained, views
@@ -33,6 +36,8 @@ __all__ = ["Evaluation", "Parts", "evaluate", "train"]
 WORLDS = ("lanewise", "highway-env")
 SECTIONS = tuple(part.name for part in fields(Settings))
 """Of the settings, what a training heeds: all."""
+SEED = Kind(int, None, Between(0, 2**31 - 1))
+"""As of the command line."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +124,7 @@ def train(
     """
     path = Path(out)
     look_up("controller", controller, dict.fromkeys(CONTROLLERS))
+    seed, parts = _seed(seed), checked(parts)
     if tensorboard:
         views.needed()
     lender = None if high_level is None else Path(high_level)
@@ -182,6 +188,7 @@ def evaluate(
     look_up("world", world, dict.fromkeys(WORLDS))
     if isinstance(episodes, bool) or not isinstance(episodes, int) or episodes < 1:
         raise SettingsError(f"episodes must be a whole number from 1 on, got {episodes!r}")
+    seed = _seed(seed)
     if isinstance(policy, str | Path | Trained):
         return _ours(policy, world, episodes, seed, settings)
     course = _course(actions, settings)
@@ -197,11 +204,21 @@ def evaluate(
     )
 
 
+def _seed(given: Any) -> int:
+    """A seed as the command line takes it.
+
+    Raises:
+        SettingsError: it is none.
+    """
+    seed: int = SEED.check("seed", int(given) if isinstance(given, np.integer) else given)
+    return seed
+
+
 def _ours(
     policy: str | Path | Trained, world: str, episodes: int, seed: int, settings: Any
 ) -> Evaluation:
     """A controller of ours, with the settings of its own run."""
-    parts = settings.pop("parts", OURS)
+    parts = checked(settings.pop("parts", OURS))
     if settings:
         raise LanewiseError(
             f"{next(iter(settings))}: a trained controller is tested with its own settings"

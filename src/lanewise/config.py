@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import json
+import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
@@ -16,12 +17,14 @@ from lanewise.ranges import Kind, show
 from lanewise.settings import PRESETS, TRAPS, Settings
 
 _LARGEST_FILE = 1_000_000
+_ENDLESS = re.compile(r"^([^=\n]+)=[^\n]*?[0-9_]{4000}", re.MULTILINE)
+"""A line that sets something to a number of thousands of digits."""
 
 
 def compose(
     preset: str = "quick",
     trap: str = "trap-10",
-    file: Path | None = None,
+    file: Path | str | None = None,
     flags: Mapping[str, object] | None = None,
 ) -> Settings:
     """Composes settings: defaults < training preset < scenario preset < file < flags.
@@ -39,8 +42,12 @@ def compose(
     values = dict(look_up("preset", preset, PRESETS))
     values |= look_up("trap", trap, TRAPS)
     if file is not None:
-        values |= load_toml(file)
+        if not isinstance(file, Path | str):
+            raise SettingsError(f"settings file: expected a path, got {show(file)}")
+        values |= load_toml(Path(file))
     if flags is not None:
+        if not isinstance(flags, Mapping):
+            raise SettingsError(f"flags: expected a mapping of settings, got {show(flags)}")
         values |= flags
     return replace(Settings(), values)
 
@@ -79,7 +86,7 @@ def replace(settings: Settings, values: Mapping[str, object]) -> Settings:
     known = kinds()
     for name in values:
         if name not in known:
-            raise SettingsError(unknown_setting(name))
+            raise SettingsError(unknown_setting(str(name)))
     everything = flatten(settings) | dict(values)
     checked = {name: known[name].check(name, value) for name, value in everything.items()}
     changed: Settings = _rebuild(settings, checked)
@@ -127,16 +134,32 @@ def load_toml(path: Path) -> dict[str, object]:
     try:
         if path.stat().st_size > _LARGEST_FILE:
             raise SettingsError(f"{path}: larger than a settings file can be")
-        table = tomllib.loads(path.read_bytes().decode("utf-8"))
+        text = path.read_bytes().decode("utf-8")
     except OSError as error:
         raise SettingsError(f"cannot read settings file {path}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, ValueError) as error:
-        reason = " ".join(str(error).split())[:120]
-        raise SettingsError(f"{path} is not valid TOML: {reason}") from error
+    except UnicodeDecodeError as error:
+        raise SettingsError(f"{path}: not valid TOML: not UTF-8 text") from error
     try:
-        return _by_name(table)
+        return _by_name(read_toml(text))
     except SettingsError as error:
         raise SettingsError(f"{path}: {error}") from error
+
+
+def read_toml(text: str) -> dict[str, Any]:
+    """The tables of a TOML text.
+
+    Raises:
+        SettingsError: It is no TOML, or a number in it is longer than Python reads.
+    """
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        if endless := _ENDLESS.search(text):
+            raise SettingsError(
+                f"{endless[1].strip()[:80]}: a whole number of so many digits is out of every range"
+            ) from error
+        reason = " ".join(str(error).split())[:120]
+        raise SettingsError(f"not valid TOML: {reason}") from error
 
 
 def _by_name(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""The cores this process may use. Imports no JAX."""
+"""The cores this process may use, and the memory there is. Imports no JAX."""
 
 import os
 
@@ -8,3 +8,11 @@ def usable() -> list[int]:
     if hasattr(os, "sched_getaffinity"):
         return sorted(os.sched_getaffinity(0))
     return list(range(os.cpu_count() or 1))
+
+
+def memory() -> int | None:
+    """Bytes of the machine's memory; None where the system does not tell."""
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return None

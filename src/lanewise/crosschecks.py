@@ -1,9 +1,12 @@
 """Checks settings against one another; each by itself is checked by its range. Imports no JAX."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 from lanewise.errors import SettingsError
+from lanewise.learning.settings import LearnerSettings
 from lanewise.ranges import Between, Kind, show
+from lanewise.scenario.settings import TrafficSettings, TrapSettings
 from lanewise.settings import STAGES, Settings
 from lanewise.training.settings import BudgetSettings, LevelSettings
 from lanewise.world.settings import CAR_LENGTH
@@ -15,6 +18,16 @@ _TRAINING_RANGES = (
     "training_front_distance",
     "training_side_distance",
 )
+
+TRAINED = {
+    "hierarchical": ("high_level", "low_level"),
+    "planned": ("high_level",),
+    "single-level": ("single_level",),
+    "h-dqn": ("h_dqn",),
+}
+"""Sections of the stages that each controller is trained in."""
+_PAY = ("external_weight", "tracking_weight", "approach_weight", "goal_reward")
+_FEATURES, _GIB = 26, 1 << 30
 
 
 def check(settings: Settings) -> None:
@@ -55,6 +68,45 @@ def check_high_level(lender: Settings, borrower: Settings) -> None:
         raise SettingsError("has another high-level network (high_level.learner.hidden)")
 
 
+def check_memory(settings: Settings, controller: str, available: int | None) -> None:
+    """Refuses a training that no checkpoint of could be held in memory.
+
+    A lower bound: networks, their targets, both moments of Adam, the weights kept so far, and the
+    replays; all of them are gathered in the machine's own memory for every checkpoint.
+
+    Args:
+        settings: of the training.
+        controller: what is trained.
+        available: bytes; None where they are not known, and nothing is refused.
+
+    Raises:
+        SettingsError: names the learner that needs the most, what it needs and what there is.
+    """
+    for stage in TRAINED[controller]:
+        needs = {name: _least_bytes(learner) for name, learner in _learners(settings, stage)}
+        if available is not None and sum(needs.values()) > available:
+            largest = max(needs, key=lambda name: needs[name])
+            raise SettingsError(
+                f"{largest}.hidden and replay_capacity need at least "
+                f"{sum(needs.values()) / _GIB:.1f} GiB of memory, the machine has "
+                f"{available / _GIB:.1f} GiB"
+            )
+
+
+def _learners(settings: Settings, stage: str) -> list[tuple[str, LearnerSettings]]:
+    """The learners of a stage by their section."""
+    if stage != "h_dqn":
+        return [(f"{stage}.learner", getattr(settings, stage).learner)]
+    levels = ("high_level", "low_level")
+    return [(f"h_dqn.{name}.learner", getattr(settings.h_dqn, name).learner) for name in levels]
+
+
+def _least_bytes(learner: LearnerSettings) -> int:
+    weights = sum(above * below for below, above in pairwise((_FEATURES, *learner.hidden)))
+    rows = learner.replay_capacity * 2 * _FEATURES
+    return 4 * (5 * weights + rows)
+
+
 def _check_scenario(settings: Settings) -> None:
     trap, traffic = settings.scenario, settings.scenario.traffic
     for name in _TRAINING_RANGES:
@@ -65,20 +117,47 @@ def _check_scenario(settings: Settings) -> None:
             )
     _apart("scenario.training_front_distance", trap.training_front_distance[0])
     _apart("scenario.test_front_distance", trap.test_front_distance)
-    nearest_gap = traffic.spacing - traffic.spacing_jitter
-    if traffic.vehicles_ahead + traffic.vehicles_behind > 1:
-        _apart("scenario.traffic.spacing minus scenario.traffic.spacing_jitter", nearest_gap)
-    if traffic.vehicles_ahead:
-        _apart("scenario.traffic.first_gap", traffic.first_gap)
+    _check_traffic(traffic)
     if traffic.vehicles_behind:
-        _apart("scenario.traffic.gap_behind", traffic.gap_behind)
+        _check_not_behind(trap)
+
+
+def _check_traffic(traffic: TrafficSettings) -> None:
+    """Every gap varies by the jitter, the first ones too."""
+    gaps = {
+        "spacing": traffic.vehicles_ahead + traffic.vehicles_behind > 1,
+        "first_gap": traffic.vehicles_ahead > 0,
+        "gap_behind": traffic.vehicles_behind > 0,
+    }
+    for name, used in gaps.items():
+        if used:
+            least = getattr(traffic, name) - traffic.spacing_jitter
+            _apart(f"scenario.traffic.{name} minus scenario.traffic.spacing_jitter", least)
+
+
+def _check_not_behind(trap: TrapSettings) -> None:
+    """Traffic behind the ego is in any lane, also in that of the trap car beside it."""
+    traffic = trap.traffic
+    limit = CAR_LENGTH - (traffic.gap_behind - traffic.spacing_jitter)
+    sides = {
+        "test_side_distance": trap.test_side_distance,
+        "training_side_distance": trap.training_side_distance[0],
+    }
+    for name, side in sides.items():
+        if side <= limit:
+            raise SettingsError(
+                f"scenario.{name} must be more than {show(limit)} m, or the trap car stands among "
+                "the traffic behind: scenario.traffic.gap_behind less "
+                f"scenario.traffic.spacing_jitter and a car length; got {show(side)}"
+            )
 
 
 def _apart(name: str, distance: float) -> None:
     # Distances are centre to centre.
     if distance <= CAR_LENGTH:
         raise SettingsError(
-            f"{name} must be more than a car length ({show(CAR_LENGTH)} m), got {show(distance)}"
+            f"{name} must be more than a car length ({show(CAR_LENGTH)} m), "
+            f"got {show(round(distance, 9))}"
         )
 
 
@@ -91,6 +170,24 @@ def _check_driving(settings: Settings) -> None:
     _at_most(
         ("goals.lowest_speed", goals.lowest_speed), ("goals.highest_speed", goals.highest_speed)
     )
+    stopped = ("driving.stopped_speed", driving.stopped_speed)
+    _less(stopped, ("goals.lowest_speed", goals.lowest_speed), "or goals ask for an accident")
+    _less(
+        ("goals.lateral_tolerance", goals.lateral_tolerance),
+        ("scenario.lane_width", settings.scenario.lane_width),
+        "or goals in the next lane are reached in this one",
+    )
+    _less(
+        ("goals.speed_tolerance", goals.speed_tolerance),
+        ("goals.speed_step", goals.speed_step),
+        "or a new speed is reached before it is driven",
+    )
+    reward = driving.reward
+    if not (reward.speed_weight or reward.steering_weight or reward.centring_weight):
+        names = ", ".join(f"driving.reward.{name}_weight" for name in ("speed", "steering"))
+        raise SettingsError(
+            f"{names} and driving.reward.centring_weight are all 0: there is nothing to reward"
+        )
     slowest = {"ego_speed": settings.scenario.ego_speed}
     if settings.scenario.training_ego_speed:
         slowest["training_ego_speed"] = settings.scenario.training_ego_speed[0]
@@ -117,10 +214,38 @@ def _check_level(name: str, budget: BudgetSettings, level: LevelSettings) -> Non
     _at_most((f"{name.split('.')[0]}.worlds", budget.worlds), capacity)
     for width in level.learner.hidden:
         Kind(int, None, Between(1, 65_536)).check(f"{learner}.hidden", width)
+    _check_schedules(name, level)
+    decisions = (f"{name.split('.')[0]}.decisions", budget.decisions)
+    if budget.decisions:
+        warm_up = (f"{learner}.warm_up", level.learner.warm_up)
+        _less(warm_up, decisions, "or training ends before the first update")
+    # Without goals there is nothing else to pay.
+    pay = _PAY[:1] if name == "single_level" else _PAY
+    if not any(getattr(level, weight) for weight in pay):
+        others = f", {', '.join(pay[1:])} are all 0" if pay[1:] else " is 0"
+        raise SettingsError(f"{name}.{pay[0]}{others}: nothing would ever be paid")
+
+
+def _check_schedules(name: str, level: LevelSettings) -> None:
+    """What falls does not end higher than it begins."""
+    explores, learner = level.exploration, level.learner
+    start = (f"{name}.exploration.start", explores.start)
+    _at_most((f"{name}.exploration.end", explores.end), start)
+    if learner.learning_rate_decay:
+        final = (f"{name}.learner.final_learning_rate", learner.final_learning_rate)
+        _at_most(final, (f"{name}.learner.learning_rate", learner.learning_rate))
 
 
 def _at_most(lower: tuple[str, float], upper: tuple[str, float]) -> None:
     if lower[1] > upper[1]:
         raise SettingsError(
             f"{lower[0]} must be at most {upper[0]} ({show(upper[1])}), got {show(lower[1])}"
+        )
+
+
+def _less(lower: tuple[str, float], upper: tuple[str, float], why: str) -> None:
+    if lower[1] >= upper[1]:
+        raise SettingsError(
+            f"{lower[0]} must be less than {upper[0]} ({show(upper[1])}), {why}; "
+            f"got {show(lower[1])}"
         )

@@ -1,16 +1,21 @@
 """Names people mistype: look one up, or say which known one comes nearest."""
 
 import difflib
+import re
 from collections.abc import Iterable, Mapping
 from typing import TypeVar
 
 from lanewise.errors import SettingsError
 
 T = TypeVar("T")
+_SEPARATORS = re.compile(r"[^a-z0-9]+")
 
 
-def look_up(what: str, name: str, table: Mapping[str, T]) -> T:
+def look_up(what: str, name: object, table: Mapping[str, T]) -> T:
     """Returns ``table[name]``, or says which name comes nearest."""
+    if not isinstance(name, str):
+        known = ", ".join(table)
+        raise SettingsError(f"{what}: expected text, one of {known}, got {str(name)[:80]}")
     if name in table:
         return table[name]
     hint = nearest(name, table)
@@ -20,27 +25,50 @@ def look_up(what: str, name: str, table: Mapping[str, T]) -> T:
 def nearest(name: str, known: Iterable[str]) -> str:
     """A hint with the known name nearest to a wrong one, or nothing.
 
-    Dashes and underscores are equal, and a name may be given without its sections: the last
-    word alone finds the setting too.
+    In this order: the same letters, whatever stands between them; the same last word in whatever
+    section; the same words of the last name in another order; a name spelt alike; a last name spelt
+    alike.
     """
-    full = {option.replace("-", "_"): option for option in known}
+    options = list(known)
+    for same in (_letters, _last, _words):
+        wanted = same(name)
+        found = [option for option in options if same(option) == wanted]
+        if found:
+            return _did_you_mean(name, found)
+    full = {option.replace("-", "_").lower(): option for option in options}
     wanted = name.replace("-", "_").lower()
     close = difflib.get_close_matches(wanted, full, n=1, cutoff=0.75)
     if close:
-        return f"did you mean {full[close[0]]}?"
+        return _did_you_mean(name, [full[close[0]]])
     leaves: dict[str, list[str]] = {}
     for option, original in full.items():
         leaves.setdefault(option.rpartition(".")[2], []).append(original)
     close = difflib.get_close_matches(wanted.rpartition(".")[2], leaves, n=1, cutoff=0.75)
     if close:
-        # The same word may stand in several sections; the most alike comes first, three suffice.
-        alike = difflib.SequenceMatcher(a="", b=wanted)
-        options = sorted(leaves[close[0]], key=lambda option: -_likeness(alike, option))
-        return "did you mean " + " or ".join(options[:3]) + "?"
+        return _did_you_mean(name, leaves[close[0]])
     close = difflib.get_close_matches(wanted, full, n=1, cutoff=0.5)
-    return f"did you mean {full[close[0]]}?" if close else ""
+    return _did_you_mean(name, [full[close[0]]]) if close else ""
 
 
-def _likeness(matcher: difflib.SequenceMatcher[str], option: str) -> float:
+def _did_you_mean(name: str, options: list[str]) -> str:
+    """The options most like a name first; three suffice."""
+    matcher = difflib.SequenceMatcher(a="", b=name.replace("-", "_").lower())
+    alike = sorted(options, key=lambda option: -_likeness(matcher, option))
+    return "did you mean " + " or ".join(alike[:3]) + "?"
+
+
+def _likeness(matcher: "difflib.SequenceMatcher[str]", option: str) -> float:
     matcher.set_seq1(option.replace("-", "_"))
     return matcher.ratio()
+
+
+def _letters(name: str) -> str:
+    return _SEPARATORS.sub("", name.lower())
+
+
+def _last(name: str) -> str:
+    return _letters(name.rpartition(".")[2])
+
+
+def _words(name: str) -> list[str]:
+    return sorted(_SEPARATORS.split(name.rpartition(".")[2].lower()))

@@ -8,6 +8,9 @@ from typing import Annotated, Any, get_args, get_origin
 
 from lanewise.errors import SettingsError
 
+_DIGITS = 4000
+"""Digits of a whole number that are read; Python refuses 4300."""
+
 
 @dataclass(frozen=True)
 class Between:
@@ -124,6 +127,9 @@ class Kind:
         try:
             if self.type is bool:
                 return {"true": True, "false": False}[word.lower()]
+            if self.type is int and len(word) > _DIGITS and word.lstrip("+-").isdecimal():
+                # Python reads no more; its size is what is wrong, so keep it absurd.
+                word = word[:_DIGITS]
             return self.type(word)
         except (KeyError, ValueError):
             raise SettingsError(f'{name}: expected {self._noun}, got "{word[:80]}"') from None

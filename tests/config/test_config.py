@@ -4,9 +4,11 @@ import tomllib
 
 import pytest
 
-from lanewise import config
+from lanewise import config, cores, crosschecks
 from lanewise.errors import SettingsError
+from lanewise.runs.folder import CONTROLLERS, RunFolder
 from lanewise.settings import PRESETS, TRAPS, Settings
+from lanewise.training import recipe
 
 
 def refusal(**flags: object) -> str:
@@ -134,7 +136,57 @@ def test_names_are_told():
         ({"scenario.traffic.first_gap": 3.0}, "more than a car length"),
         (
             {"scenario.traffic.vehicles_behind": 2, "scenario.traffic.gap_behind": 2.0},
-            "gap_behind must be more than a car length",
+            "gap_behind minus scenario.traffic.spacing_jitter must be more than a car length",
+        ),
+        (
+            {"scenario.traffic.first_gap": 9.0, "scenario.traffic.spacing_jitter": 4.5},
+            "first_gap minus scenario.traffic.spacing_jitter must be more than a car length (5.0 m)"
+            ", got 4.5",
+        ),
+        (
+            {"scenario.traffic.vehicles_behind": 1, "scenario.test_side_distance": -35.0},
+            "scenario.test_side_distance must be more than -35.0 m, or the trap car stands among",
+        ),
+        (
+            {
+                "scenario.traffic.vehicles_behind": 1,
+                "scenario.training_side_distance": [-60.0, 5.0],
+            },
+            "scenario.training_side_distance must be more than -35.0 m",
+        ),
+        (
+            {"goals.lowest_speed": 0.1},
+            "driving.stopped_speed must be less than goals.lowest_speed (0.1), or goals ask for",
+        ),
+        (
+            {"goals.lateral_tolerance": 4.0},
+            "goals.lateral_tolerance must be less than scenario.lane_width (4.0)",
+        ),
+        (
+            {"goals.speed_tolerance": 1.0},
+            "goals.speed_tolerance must be less than goals.speed_step (1.0)",
+        ),
+        (
+            {f"driving.reward.{name}_weight": 0 for name in ("speed", "steering", "centring")},
+            "driving.reward.centring_weight are all 0: there is nothing to reward",
+        ),
+        ({"scenario.traffic.driver.change_delay": 0}, "change_delay must be between 0.001 and 60"),
+        (
+            {"low_level.exploration.end": 0.6},
+            "low_level.exploration.end must be at most low_level.exploration.start (0.5), got 0.6",
+        ),
+        (
+            {"h_dqn.low_level.learner.learning_rate": 5e-5},
+            "final_learning_rate must be at most h_dqn.low_level.learner.learning_rate (5e-05)",
+        ),
+        (
+            {"high_level.decisions": 1000},
+            "high_level.learner.warm_up must be less than high_level.decisions (1000), or training",
+        ),
+        ({"single_level.external_weight": 0}, "single_level.external_weight is 0: nothing would"),
+        (
+            {"low_level.external_weight": 0, "low_level.tracking_weight": 0},
+            "low_level.external_weight, tracking_weight, approach_weight, goal_reward are all 0",
         ),
         ({"scenario.ego_speed": 5.0, "driving.stopped_speed": 5.0}, "driving.stopped_speed (5.0)"),
         (
@@ -154,6 +206,46 @@ def test_settings_that_contradict_one_another(flags, hint):
     assert hint in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    "flags",
+    [
+        # Without a decay there is but one rate; one that is paid by its goals alone is paid.
+        {"high_level.learner.learning_rate": 5e-5, "high_level.learner.learning_rate_decay": 0},
+        {"low_level.external_weight": 0},
+        {"high_level.decisions": 0, "high_level.episodes": 1},
+        {"scenario.test_side_distance": -60.0},
+        {"scenario.traffic.vehicles_ahead": 0, "scenario.traffic.first_gap": 0.0},
+    ],
+)
+def test_settings_that_only_seem_to_contradict(flags):
+    config.compose(flags=flags)
+
+
+def test_memory_is_asked_of_the_stages_that_are_trained():
+    wide = config.compose(flags={"low_level.learner.hidden": [65_536, 65_536]})
+    with pytest.raises(
+        SettingsError, match=r"^low_level\.learner\.hidden and replay_capacity need"
+    ):
+        crosschecks.check_memory(wide, "hierarchical", 24 << 30)
+    crosschecks.check_memory(wide, "hierarchical", 81 << 30)
+    crosschecks.check_memory(wide, "planned", 24 << 30)
+    crosschecks.check_memory(wide, "hierarchical", None)
+    long = config.compose(flags={"h_dqn.high_level.learner.replay_capacity": 10_000_000})
+    with pytest.raises(SettingsError, match=r"^h_dqn\.high_level\.learner.*need at least 2\.0 GiB"):
+        crosschecks.check_memory(long, "h-dqn", 1 << 30)
+    assert crosschecks.TRAINED.keys() == set(CONTROLLERS)
+    for controller, sections in crosschecks.TRAINED.items():
+        learn = [level for stage in recipe.RECIPES[controller] for level in stage.learns]
+        assert list(sections) == learn or sections == ("h_dqn",)
+
+
+def test_no_run_begins_that_memory_cannot_hold(tmp_path, monkeypatch):
+    monkeypatch.setattr(cores, "memory", lambda: 1 << 20)
+    with pytest.raises(SettingsError, match="GiB of memory, the machine has"):
+        RunFolder.create(tmp_path / "run", Settings(), "planned", 0)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_validate_sees_settings_built_without_compose():
     scenario = dataclasses.replace(Settings().scenario, lane_width=math.nan)
     with pytest.raises(SettingsError, match=r"scenario\.lane_width must be .* got nan"):
@@ -169,6 +261,11 @@ def test_validate_sees_settings_built_without_compose():
         ("senario.lanes", "did you mean scenario.lanes?"),
         ("low_level.batch_size", "did you mean low_level.learner.batch_size"),
         ("high_level.learner.learningrate", "did you mean high_level.learner.learning_rate?"),
+        ("driving.trap_speed", "did you mean scenario.trap_speed?"),
+        ("scenario.steering_limit", "did you mean scenario.traffic.driver.steering_limit?"),
+        ("SCENARIO.Trap_Speed", "did you mean scenario.trap_speed?"),
+        ("scenario/trapSpeed", "did you mean scenario.trap_speed?"),
+        ("scenario.speed_trap", "did you mean scenario.trap_speed?"),
         ("zzz", "`lanewise train --help` lists all"),
     ],
 )
@@ -181,6 +278,14 @@ def test_unknown_names_are_refused_with_the_nearest_right_one(name, hint):
 def test_unknown_presets():
     with pytest.raises(SettingsError, match='unknown preset "qick"; did you mean quick'):
         config.compose("qick")
+    with pytest.raises(
+        SettingsError, match="preset: expected text, one of quick, paper, ranges, got"
+    ):
+        config.compose(3)
+    with pytest.raises(SettingsError, match="settings file: expected a path, got 3"):
+        config.compose(file=3)
+    with pytest.raises(SettingsError, match="flags: expected a mapping of settings"):
+        config.compose(flags=["scenario.lanes"])
     with pytest.raises(SettingsError, match=r'unknown trap "nothing"; known: trap-10, trap-10\.9'):
         config.compose(trap="nothing")
 
@@ -199,6 +304,7 @@ def test_unknown_presets():
         ("[scenario]\ntrap_speed = 1979-05-27\n", "expected a number, got 1979-05-27"),
         ("[scenario]\ntrap_speed = 9\ntrap-speed = 8\n", "scenario.trap_speed is given twice"),
         ("\x00", "not valid TOML"),
+        (f"[scenario]\nlanes = {'9' * 5000}\n", "lanes: a whole number of so many digits is out"),
     ],
 )
 def test_bad_toml_files(tmp_path, text, hint):
@@ -217,7 +323,7 @@ def test_unreadable_toml_files(tmp_path):
         config.load_toml(tmp_path)
     file = tmp_path / "latin.toml"
     file.write_bytes(b"# \xff\n")
-    with pytest.raises(SettingsError, match="not valid TOML"):
+    with pytest.raises(SettingsError, match="not valid TOML: not UTF-8 text"):
         config.load_toml(file)
     file.write_bytes(b"#" * 1_000_001)
     with pytest.raises(SettingsError, match="larger than"):

@@ -11,7 +11,7 @@ from gymnasium.wrappers import RecordEpisodeStatistics, RecordVideo
 from imageio_ffmpeg import count_frames_and_secs
 
 from lanewise.driving import observation
-from lanewise.envs import keywords
+from lanewise.envs import keywords, single
 from lanewise.errors import LanewiseError, SettingsError
 from lanewise.registration import ENVIRONMENTS
 
@@ -163,12 +163,23 @@ def test_settings_by_keyword():
         ({"trap_speed": 9.0, "scenario.trap_speed": 9.0}, "given twice"),
         ({"split": "train"}, "did you mean training"),
         ({"duration": 0}, "duration must be"),
+        ({"duration": "25"}, "duration: expected a number of seconds, got 25"),
+        ({"split": 0}, "split: expected text, one of training, validation, test, got 0"),
+        ({"parts": 3}, r"parts: expected lanewise\.Parts\(\.\.\.\), got 3"),
+        ({"actions": "goal"}, "actions: each kind has an id of its own: .*lanewise/TrapGoal-v0"),
+        ({"scenario": 3}, "scenario is a section, not a setting"),
+        ({"lanes": {"most": 4}}, "scenario.lanes: expected a whole number, got {'most': 4}"),
         ({"trap": "trap-11"}, "did you mean trap-10"),
     ],
 )
 def test_misspelt_settings_are_refused(given, said):
     with pytest.raises(SettingsError, match=said):
         gymnasium.make("lanewise/Trap-v0", **given)
+
+
+def test_render_modes_that_there_are_not():
+    with pytest.raises(SettingsError, match='unknown render_mode "rgb"; did you mean rgb_array'):
+        single.TrapEnv(render_mode="rgb")
 
 
 def test_every_setting_has_a_full_name():

@@ -8,6 +8,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import lanewise  # noqa: F401  # tells Gymnasium of the environments
+from lanewise.errors import SettingsError
 
 COUNT, STEPS, SEED = 6, 90, 11
 SETTINGS = {"duration": 8.0}
@@ -137,6 +138,10 @@ def test_mistakes():
     for wrong in ([4, 4], [4, 4, 9], [0.5, 1.0, 2.0]):
         with pytest.raises(ValueError, match="actions must be 3 of"):
             env.step(wrong)
+    with pytest.raises(SettingsError, match='unknown autoreset_mode "sometimes"; known: NextStep'):
+        gymnasium.make_vec("lanewise/Trap-v0", 3, autoreset_mode="sometimes")
+    with pytest.raises(SettingsError, match="actions: each kind has an id of its own"):
+        gymnasium.make_vec("lanewise/Trap-v0", 3, actions="goal")
     env.step([4, 4, 4])
     with pytest.raises(ResetNeeded, match="reset_mask"):
         env.step([4, 4, 4])

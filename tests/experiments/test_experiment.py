@@ -66,6 +66,7 @@ def test_the_papers_size():
     ("text", "hint"),
     [
         ("[[", "not valid TOML"),
+        (f"seeds = {'9' * 5000}", "seeds: a whole number of so many digits is out of every range"),
         (HEAD, "needs at least one [arms.NAME]"),
         (HEAD.replace("seeds = 2", "seed = 2") + ARM, 'has no "seed"; did you mean seeds?'),
         (HEAD.replace("seeds = 2", "seeds = 0") + ARM, "seeds: expected a whole number from 1"),

@@ -73,10 +73,19 @@ def test_mistakes_leave_nothing_behind(tmp_path):
         ({"controller": "hierarchcal"}, "did you mean hierarchical"),
         ({"warm_up": 3}, "may be single_level.learner.warm_up, .* give it in full"),
         ({"scenario": {"trap_sped": 3.0}}, "unknown setting"),
+        ({"seed": "3"}, 'seed: expected a whole number, got "3"'),
+        ({"seed": -1}, "seed must be between 0 and 2147483647, got -1"),
+        ({"seed": True}, "seed: expected a whole number, got true"),
+        ({"parts": None}, "parts: expected lanewise.Parts"),
+        ({"preset": 3}, "preset: expected text, one of quick, paper, ranges"),
     ):
         with pytest.raises(SettingsError, match=said):
             lanewise.train(tmp_path / "run", **given)
     assert not (tmp_path / "run").exists()
+    with pytest.raises(SettingsError, match=r"seed: expected a whole number, got 1\.5"):
+        lanewise.evaluate(lambda seen: 4, seed=1.5)
+    with pytest.raises(SettingsError, match=r"parts: expected lanewise\.Parts"):
+        lanewise.evaluate("pretrained/single-level", parts=3)
     for given, said in (
         ({"parts": lanewise.Parts(reward=asks)}, "reward: asks fails: .* jnp.where"),
         ({"controller": "single-level", "high_level": "a"}, "only hierarchical and planned"),
@@ -110,8 +119,3 @@ def test_wrong_functions_are_refused_by_name_before_anything_is_driven(part, fun
     with pytest.raises(SettingsError, match=said) as caught:
         lanewise.evaluate(lambda seen: 4, parts=lanewise.Parts(**{part: function}))
     assert len(str(caught.value).splitlines()) == 1
-
-
-def test_what_is_no_parts_at_all_is_refused():
-    with pytest.raises(SettingsError, match="parts must be"):
-        lanewise.evaluate(lambda seen: 4, parts=3)

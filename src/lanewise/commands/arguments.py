@@ -25,6 +25,7 @@ from lanewise.ranges import Kind
 from lanewise.settings import PRESETS
 
 C = TypeVar("C")
+_DASHES = "-\N{EN DASH}\N{EM DASH}"
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,8 @@ def _collect(command: type, words: Sequence[str]) -> dict[str, Any]:
         else:
             place = next((p for p in positionals if p.is_list or p.name not in found), None)
             if place is None:
-                raise SettingsError(f'unexpected argument "{word[:80]}"')
+                meant = f"; did you mean {flag_of(word)}?" if flag_of(word) in flags else ""
+                raise SettingsError(f'unexpected argument "{word[:80]}"{meant}')
             value = place.read([word])
             found[place.name] = found.get(place.name, ()) + value if place.is_list else value
     for option in (*positionals, *flags.values()):
@@ -148,15 +150,22 @@ def _flag_value(option: Option, attached: str | None, queue: deque[str]) -> Any:
 
 
 def _is_flag(word: str) -> bool:
-    """Whether a word starts an option; ``-5`` and ``-inf`` are values."""
-    return word.startswith("--") or (len(word) == 2 and word[0] == "-" and word[1].isalpha())
+    """Whether a word starts an option; ``-5`` and ``-inf`` are values.
+
+    A long option with one dash, or with the dash that word processors make of two, is one too, if
+    a misspelt one.
+    """
+    if word.startswith("--"):
+        return True
+    number = word.lower() in ("-inf", "-infinity", "-nan")
+    return word[:1] in _DASHES and word[1:2].isalpha() and not number
 
 
 def _find(command: type, flags: Mapping[str, Option], flag: str) -> Option:
     normal = flag if len(flag) == 2 else flag_of(flag.removeprefix("--"))
     if normal in flags:
         return flags[normal]
-    hint = nearest(flag.lstrip("-"), [known.removeprefix("--") for known in flags])
+    hint = nearest(flag.lstrip(_DASHES), [known.removeprefix("--") for known in flags])
     hint = hint.replace("did you mean ", "did you mean --").replace(" or ", " or --")
     hint = hint or f"`lanewise {command.__name__.lower()} --help` lists all"
     raise SettingsError(f'unknown option "{flag[:80]}"; {hint}')

@@ -9,10 +9,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
-from lanewise import config, cores
+from lanewise import config, cores, crosschecks
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.train import SEEDS
-from lanewise.errors import LanewiseError, RunError
+from lanewise.errors import LanewiseError, RunError, SettingsError
 from lanewise.experiments import experiment as experiments
 from lanewise.experiments.experiment import BUILT_IN, Experiment
 from lanewise.ranges import Between, OneOf
@@ -58,11 +58,14 @@ class Reproduce:
 def run(parsed: Parsed[Reproduce]) -> int:
     """Trains, tests and reports; returns the exit code."""
     command = parsed.command
+    _refuse(parsed)
     whole = _experiment(command)
     chosen = whole.only(command.only) if command.only else whole
     overrides = _overrides(parsed)
     for arm in whole.arms:
-        whole.settings(arm, command.trap, overrides)
+        settings = whole.settings(arm, command.trap, overrides)
+        if arm.trained:
+            crosschecks.check_memory(settings, arm.controller, cores.memory())
     from lanewise.report import extras
 
     extras.check()
@@ -99,8 +102,26 @@ def run(parsed: Parsed[Reproduce]) -> int:
     return 0
 
 
+def _refuse(parsed: Parsed[Reproduce]) -> None:
+    """Refuses options that contradict one another.
+
+    Raises:
+        SettingsError: says which.
+    """
+    command = parsed.command
+    if command.experiment is not None and "preset" in parsed.given:
+        raise SettingsError("--experiment and --preset each name an experiment; give one of them")
+    last = command.seed + (command.seeds or 1) - 1
+    if not SEEDS.holds(last):
+        raise SettingsError(f"--seed and --seeds lead to seed {last}; the last one must be {SEEDS}")
+
+
 def _experiment(command: Reproduce) -> Experiment:
-    """What is to be run, with the command's own numbers."""
+    """What is to be run, with the command's own numbers.
+
+    Raises:
+        SettingsError: it is not there, or something in it is wrong.
+    """
     if command.experiment is not None:
         found = experiments.load_file(command.experiment)
     else:

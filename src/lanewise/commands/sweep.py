@@ -11,7 +11,7 @@ from typing import IO, Annotated, Any
 from lanewise import config
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.train import SEEDS
-from lanewise.errors import RunError
+from lanewise.errors import RunError, SettingsError
 from lanewise.evaluation import grid as grids
 from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
 from lanewise.progress import Progress
@@ -110,7 +110,10 @@ def _check(grid: Grid, settings: Settings) -> None:
     crowded = {grids.SETTINGS["vehicles_behind"]: max(grid.vehicles_behind)}
     for axis, setting in grids.SETTINGS.items():
         for value in getattr(grid, axis):
-            config.replace(settings, crowded | {setting: value})
+            try:
+                config.replace(settings, crowded | {setting: value})
+            except SettingsError as error:
+                raise SettingsError(f"--{axis.replace('_', '-')}: {error}") from error
 
 
 def _work(

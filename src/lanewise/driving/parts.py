@@ -109,3 +109,14 @@ def _kind(value: Any) -> str:
 
 OURS = Parts()
 """The paper's."""
+
+
+def checked(parts: Any) -> Parts:
+    """Parts that a user gave.
+
+    Raises:
+        SettingsError: they are something else.
+    """
+    if not isinstance(parts, Parts):
+        raise SettingsError(f"parts: expected lanewise.Parts(...), got {str(parts)[:80]}")
+    return parts

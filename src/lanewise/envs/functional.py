@@ -10,11 +10,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from lanewise.driving import episode, restart
 from lanewise.driving.episode import Episode
-from lanewise.driving.parts import OURS, Parts
+from lanewise.driving.parts import OURS, Parts, checked
 from lanewise.envs import keywords
 from lanewise.envs.control import Continuous, Control, Driven, Goals, LowLevel, Rules
 from lanewise.errors import SettingsError
@@ -103,11 +104,12 @@ def make(
     """
     composed = keywords.compose(preset, trap, settings)
     look_up("split", split, dict.fromkeys(SPLITS))
-    if not isinstance(parts, Parts):
-        raise SettingsError(f"parts must be lanewise.Parts(...), got {parts!r:.80}")
-    parts.feature_count(composed.scenario, composed.driving)  # refuses what does not work
+    # Refuses what does not work.
+    checked(parts).feature_count(composed.scenario, composed.driving)
     frequency = composed.driving.decision_frequency
-    if isinstance(duration, bool) or not 1 / frequency <= duration <= 1e6:
+    if isinstance(duration, bool) or not isinstance(duration, int | float | np.number):
+        raise SettingsError(f"duration: expected a number of seconds, got {str(duration)[:80]}")
+    if not 1 / frequency <= duration <= 1e6:
         raise SettingsError(f"duration must be between {1 / frequency:g} and 1e6 s, got {duration}")
     controls: dict[str, Control] = {
         "low-level": LowLevel(),

@@ -31,7 +31,7 @@ def compose(
     """
     known = [name for name in config.kinds() if name.partition(".")[0] in sections]
     flags: dict[str, object] = {}
-    for name, value in _flat(given):
+    for name, value in _flat(given, known):
         setting = _resolve(name, known)
         if setting in flags:
             raise SettingsError(f"{setting} is given twice")
@@ -39,11 +39,15 @@ def compose(
     return config.compose(preset, trap, flags=flags)
 
 
-def _flat(given: Mapping[str, Any], prefix: str = "") -> list[tuple[str, object]]:
+def _flat(
+    given: Mapping[str, Any], known: Sequence[str], prefix: str = ""
+) -> list[tuple[str, object]]:
+    """Mappings as dotted names; one given for a setting is its value, and will be refused."""
     found: list[tuple[str, object]] = []
     for key, value in given.items():
         name = f"{prefix}{key}"
-        found += _flat(value, f"{name}.") if isinstance(value, Mapping) else [(name, value)]
+        nested = isinstance(value, Mapping) and name not in known
+        found += _flat(value, known, f"{name}.") if nested else [(name, value)]
     return found
 
 
@@ -59,5 +63,7 @@ def _resolve(name: str, known: list[str]) -> str:
     if ending:
         several = ", ".join(ending[:3]) + (", ..." if len(ending) > 3 else "")
         raise SettingsError(f'"{name}" may be {several}; give it in full')
+    if any(option.startswith(f"{name}.") for option in known):
+        raise SettingsError(f"{name} is a section, not a setting; give it a mapping")
     hint = nearest(name, known) or "docs/settings.md lists all"
     raise SettingsError(f'unknown setting "{name[:80]}"; {hint}')

@@ -4,6 +4,7 @@ Start i after ``reset(seed=s)`` is start i of seed s: the same in every environm
 not, whatever happened before.
 """
 
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -20,6 +21,8 @@ from numpy.typing import NDArray
 from lanewise.envs import functional, rows, spaces
 from lanewise.envs.functional import State, Trap
 from lanewise.envs.starts import Starts
+from lanewise.errors import SettingsError
+from lanewise.names import look_up
 from lanewise.scenario import trap
 
 Info = dict[str, Any]
@@ -49,6 +52,7 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
         Raises:
             SettingsError: a name or a value is wrong.
         """
+        refuse_other(settings, render_mode)
         self.task = functional.make(self.actions, **settings)
         self.render_mode = render_mode
         self.metadata = metadata(self.task)
@@ -133,6 +137,21 @@ class TrapContinuousEnv(TrapEnv):
     """
 
     actions = "continuous"
+
+
+def refuse_other(settings: Mapping[str, Any], render_mode: object) -> None:
+    """Refuses what no environment can be told by keyword.
+
+    Raises:
+        SettingsError: the kind of action, which the id says, or a render mode that there is not.
+    """
+    if "actions" in settings:
+        raise SettingsError(
+            "actions: each kind has an id of its own: lanewise/Trap-v0, lanewise/TrapGoal-v0, "
+            "lanewise/TrapContinuous-v0"
+        )
+    if render_mode is not None:
+        look_up("render_mode", render_mode, dict.fromkeys(RENDER_MODES))
 
 
 def metadata(task: Trap) -> dict[str, Any]:

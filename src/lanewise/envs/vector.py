@@ -22,6 +22,7 @@ from lanewise.envs import functional, rows, single, spaces
 from lanewise.envs.functional import State, Trap
 from lanewise.envs.starts import Starts
 from lanewise.errors import SettingsError
+from lanewise.names import look_up
 from lanewise.scenario import trap
 
 Booleans = NDArray[np.bool_]
@@ -63,10 +64,15 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
         super().__init__()
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
             raise SettingsError(f"num_envs must be a whole number from 1 on, got {num_envs!r}")
+        single.refuse_other(settings, render_mode)
+        modes = {mode.value: mode for mode in AutoresetMode}
+        given = (
+            autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
+        )
+        self.mode = look_up("autoreset_mode", given, modes)
         self.task = functional.make(self.actions, **settings)
         self.num_envs = num_envs
         self.render_mode = render_mode
-        self.mode = AutoresetMode(autoreset_mode)
         self.metadata = single.metadata(self.task) | {"autoreset_mode": self.mode}
         self.single_action_space = spaces.of_actions(self.task)
         self.single_observation_space = spaces.of_observations(self.task)

@@ -19,7 +19,6 @@
 Imports no JAX.
 """
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib import resources
@@ -144,10 +143,7 @@ def parse(name: str, text: str) -> Experiment:
     Raises:
         SettingsError: says what is wrong with it.
     """
-    try:
-        table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise SettingsError(f"not valid TOML: {' '.join(str(error).split())[:120]}") from error
+    table = config.read_toml(text)
     _known(table, ("title", "preset", *_COUNTS, "arms"), "an experiment")
     counts = {key: _count(table, key) for key in _COUNTS}
     arms = _table(table, "arms")

@@ -26,7 +26,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
 
-from lanewise import config
+from lanewise import config, cores, crosschecks
 from lanewise.errors import RunError, SettingsError
 from lanewise.ranges import show
 from lanewise.runs.files import PARTIAL, write_atomically
@@ -75,7 +75,9 @@ class RunFolder:
 
         Raises:
             RunError: The folder holds something already, or another process is making a run in it.
+            SettingsError: The machine has not the memory for what they ask.
         """
+        crosschecks.check_memory(settings, controller, cores.memory())
         require_empty(path)
         path.mkdir(parents=True, exist_ok=True)
         lock = _acquire(path)
