@@ -17,6 +17,8 @@ SHARP = 0.05
 """Turns of up to this in a tick, rad, count as fine enough to show the order."""
 NOISE = 1e-6
 """Errors below this are too small to show the order."""
+APART = 1e9
+"""Drivers so far from one another are alone on the road, m."""
 HALVED = (1.8, 2.2)
 """The ratio of errors that counts as halved."""
 ROUNDING = 1e-9
@@ -103,9 +105,8 @@ def idm(worlds, rng):
     Its speed errs by at most T dt / 2 a^2 delta / v0: the slope a (1 - (v / v0)^delta) falls with
     v, so that errors do not grow, and it changes no faster than that.
     """
-    shape = worlds.vehicles.x.shape
-    present = np.zeros(shape, bool)
-    present[:, 0] = True
+    shape, present = worlds.vehicles.x.shape, worlds.vehicles.present
+    no = np.zeros(shape, bool)
     target = rng.uniform(10, 30, shape)
     worlds = drivers_with(
         worlds,
@@ -115,13 +116,15 @@ def idm(worlds, rng):
     )
     worlds = vehicles_with(
         worlds,
-        present=present,
+        x=np.broadcast_to(APART * np.arange(shape[1]), shape),
         speed=target * rng.uniform(0, 1, shape),
-        crashed=~present,
-        impacted=~present,
+        crashed=no,
+        impacted=no,
     )
-    worlds = road_with(worlds, speed_limit=np.full_like(worlds.road.speed_limit, 40.0))
-    found, drivers = Found(shape[0]), worlds.drivers
+    lanes = np.ones_like(worlds.road.speed_limit)
+    far = 2 * APART * shape[1] * lanes
+    worlds = road_with(worlds, speed_limit=40 * lanes, start=-far, end=far)
+    found, drivers = Found(int(present.sum())), worlds.drivers
     factor, exponent = drivers.comfort_acceleration, drivers.exponent
     exact, errors = _free_road(worlds.vehicles.speed, factor, target, exponent), []
     times = np.arange(1, round(SECONDS / TICK) + 1)[:, None, None] * TICK

@@ -4,9 +4,11 @@ python campaigns/laws.py --states 2048 --out results/trust/laws.json
 """
 
 import argparse
+import json
 import os
 import sys
 import time
+from functools import cache
 from pathlib import Path
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
@@ -27,17 +29,20 @@ WORLD_LAWS = law_symmetries.LAWS + law_company.LAWS + law_motion.LAWS + law_tick
 DRIVING_LAWS = law_driving.LAWS
 LAWS = (*WORLD_LAWS, *DRIVING_LAWS, *law_episodes.LAWS)
 """All of them, by name."""
-BATCH = 64
-VEHICLES = (16, 32)
-"""At most in a world; batches take turns."""
+BATCH, VEHICLES = 64, 16
+"""Worlds in a batch, and vehicles in a world at most."""
 SHOWN = 20
 """Breaches of a law written down; all are counted."""
 
 
+@cache
+def batch_of(seed, batch):
+    """The worlds of a batch: the same in every run, and for every law."""
+    return random_worlds(np.random.default_rng([seed, 0, batch]), BATCH, VEHICLES)
+
+
 def hold(law, states, seed, progress=None):
     """Hold one law against random worlds until so many examples were seen.
-
-    Batch b of seed s is the same worlds in every run, whichever laws are asked for.
 
     Args:
         law: the law.
@@ -50,11 +55,8 @@ def hold(law, states, seed, progress=None):
     """
     total, batch = Found(), 0
     while total.examples < states:
-        rng = np.random.default_rng([seed, batch])
-        worlds = None
-        if law not in law_episodes.LAWS:
-            worlds = random_worlds(rng, BATCH, VEHICLES[batch % len(VEHICLES)])
-        total.add(law.check(worlds, rng), batch)
+        worlds = None if law in law_episodes.LAWS else batch_of(seed, batch)
+        total.add(law.check(worlds, np.random.default_rng([seed, 1, batch])), batch)
         batch += 1
         if progress is not None:
             progress.update(min(total.examples, states), broken=len(total.broken))
@@ -76,27 +78,46 @@ def figures(law, found, seconds):
     }
 
 
+def stored(path, states, seed):
+    """Results of the same campaign, as far as it came; by law."""
+    document = json.loads(path.read_text()) if path.exists() else {}
+    same = (document.get("states"), document.get("seed")) == (states, seed)
+    return document["laws"] if same else {}
+
+
+def store(path, results, states, seed):
+    """Write what is known so far, in the laws' own order; returns the number of exceptions."""
+    results = {law.name: results[law.name] for law in LAWS if law.name in results}
+    broken = sum(result["exceptions"] for result in results.values())
+    record.store(path, {"states": states, "exceptions": broken, "laws": results}, seed)
+    return broken
+
+
 def main():
-    """Run the campaign and store its result."""
+    """Run the campaign and store its result, law by law; what is stored is not done again."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--states", type=int, default=2048, help="examples of each law, at least")
     parser.add_argument("--laws", nargs="+", choices=[law.name for law in LAWS], metavar="LAW")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("results/trust/laws.json"))
     arguments = parser.parse_args()
+    states, seed, path = arguments.states, arguments.seed, arguments.out
     laws = [law for law in LAWS if not arguments.laws or law.name in arguments.laws]
-    results = {}
     with Progress() as progress:
         for law in laws:
-            progress.stage(law.name, arguments.states)
+            if law.name in stored(path, states, seed):
+                continue
+            progress.stage(law.name, states)
             begin = time.monotonic()
-            found = hold(law, arguments.states, arguments.seed, progress)
-            results[law.name] = figures(law, found, time.monotonic() - begin)
+            found = hold(law, states, seed, progress)
+            seconds = time.monotonic() - begin
+            results = stored(path, states, seed) | {law.name: figures(law, found, seconds)}
+            store(path, results, states, seed)
             if found.broken:
                 progress.note(f"{law.name}: {len(found.broken)} exceptions, {found.broken[0]}")
-    broken = sum(result["exceptions"] for result in results.values())
-    record.store(arguments.out, {"exceptions": broken, "laws": results}, arguments.seed)
-    print(f"{len(laws)} laws, {broken} exceptions; see {arguments.out}")
+    results = stored(path, states, seed)
+    broken = store(path, results, states, seed)
+    print(f"{len(results)} laws, {broken} exceptions; see {path}")
     return 1 if broken else 0
 
 
