@@ -41,8 +41,6 @@ AIM = 0.95
 """Of the mistakes, so many must be refused with the right hint; all must be refused."""
 ENVIRONMENT = ("scenario.", "driving.", "goals.", "planner.")
 """Settings that an environment takes."""
-FRESH = 40
-"""Mistakes tried in a process of their own each."""
 SHOWN = 3
 """Settings of one last name that a hint lists at most; with more, one of them must be there."""
 
@@ -259,6 +257,7 @@ def main():
     """Run the campaign and store its result."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--each", type=int, default=30, help="settings for each way and door")
+    parser.add_argument("--fresh", type=int, default=40, help="tried in a process of their own")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("results/trust/wrong-settings.json"))
     parser.add_argument("--light", action="store_true", help=argparse.SUPPRESS)
@@ -271,7 +270,7 @@ def main():
 
     lightly, others = split(generate(arguments.seed, arguments.each))
     programs = [mistake for mistake in lightly if mistake.door in COMMANDS]
-    some = random.Random(arguments.seed).sample(programs, min(FRESH, len(programs)))
+    some = random.Random(arguments.seed).sample(programs, min(arguments.fresh, len(programs)))
     with Progress() as progress:
         progress.stage("fresh processes", len(some))
         began = fresh(some, progress.update)

@@ -170,8 +170,6 @@ def _check_driving(settings: Settings) -> None:
     _at_most(
         ("goals.lowest_speed", goals.lowest_speed), ("goals.highest_speed", goals.highest_speed)
     )
-    stopped = ("driving.stopped_speed", driving.stopped_speed)
-    _less(stopped, ("goals.lowest_speed", goals.lowest_speed), "or goals ask for an accident")
     _less(
         ("goals.lateral_tolerance", goals.lateral_tolerance),
         ("scenario.lane_width", settings.scenario.lane_width),
@@ -197,6 +195,8 @@ def _check_driving(settings: Settings) -> None:
                 f"scenario.{name} must be more than driving.stopped_speed "
                 f"({show(driving.stopped_speed)}), got {show(speed)}"
             )
+    stopped = ("driving.stopped_speed", driving.stopped_speed)
+    _less(stopped, ("goals.lowest_speed", goals.lowest_speed), "or goals ask for an accident")
 
 
 def _check_budget(stage: str, budget: BudgetSettings) -> None:
