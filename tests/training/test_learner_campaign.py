@@ -3,7 +3,9 @@
 The campaign does the same for every level of every controller and preset.
 """
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import learner
@@ -14,6 +16,7 @@ from test_stage import COURSE
 from lanewise import config
 from lanewise.training import recipe, stage
 
+ROOT = Path(__file__).parents[2]
 QUICK = config.compose()
 
 
@@ -38,6 +41,15 @@ def test_a_thousand_updates_of_the_single_level_controller(rows, change):
     found = learner.compare(how, rows, 9, updates=1000)
     assert max(found["loss"], found["online"], found["target"]) <= learner.LIMIT
     assert found["last_loss"] > 0.0
+
+
+def test_stored():
+    """What the campaign has left: none beyond the limit, and every row of as many updates."""
+    stored = json.loads((ROOT / "results" / "trust" / "learner.json").read_text())
+    assert stored["updates"] >= learner.UPDATES
+    assert stored["rows"]
+    worst = max(max(row["loss"], row["online"], row["target"]) for row in stored["rows"])
+    assert worst == stored["worst"] <= stored["limit"] == learner.LIMIT
 
 
 def test_another_target_would_be_seen(rows):
