@@ -55,8 +55,6 @@ def _resolve(name: str, known: list[str]) -> str:
     """The full name of a setting."""
     if name in known:
         return name
-    if any(option.startswith(f"{name}.") for option in known):
-        raise SettingsError(f'"{name}" is a section: give a mapping of its settings')
     ending = [option for option in known if option.endswith(f".{name}")]
     if len(ending) == 1:
         return ending[0]
