@@ -46,7 +46,8 @@ def _flat(
     found: list[tuple[str, object]] = []
     for key, value in given.items():
         name = f"{prefix}{key}"
-        nested = isinstance(value, Mapping) and name not in known
+        is_setting = any(f".{option}".endswith(f".{name}") for option in known)
+        nested = isinstance(value, Mapping) and not is_setting
         found += _flat(value, known, f"{name}.") if nested else [(name, value)]
     return found
 
