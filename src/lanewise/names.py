@@ -4,9 +4,11 @@ import difflib
 from collections.abc import Iterable, Mapping
 from typing import TypeVar
 
-from lanewise.errors import SettingsError
+from lanewise.errors import SettingsError, brief
 
 T = TypeVar("T")
+_LONGEST = 80
+"""Of a name worth a hint: comparing takes time with the square of its length."""
 
 
 def look_up(what: str, name: str, table: Mapping[str, T]) -> T:
@@ -14,7 +16,7 @@ def look_up(what: str, name: str, table: Mapping[str, T]) -> T:
     if name in table:
         return table[name]
     hint = nearest(name, table)
-    raise SettingsError(f'unknown {what} "{name[:80]}"; {hint or "known: " + ", ".join(table)}')
+    raise SettingsError(f'unknown {what} "{brief(name)}"; {hint or "known: " + ", ".join(table)}')
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
@@ -23,6 +25,8 @@ def nearest(name: str, known: Iterable[str]) -> str:
     Dashes and underscores are equal, and a name may be given without its sections: the last
     word alone finds the setting too.
     """
+    if len(name) > _LONGEST:
+        return ""
     full = {option.replace("-", "_"): option for option in known}
     wanted = name.replace("-", "_").lower()
     close = difflib.get_close_matches(wanted, full, n=1, cutoff=0.75)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from lanewise import config
-from lanewise.errors import SettingsError
+from lanewise.errors import SettingsError, brief
 from lanewise.names import nearest
 from lanewise.settings import Settings
 
@@ -58,4 +58,4 @@ def _resolve(name: str, known: list[str]) -> str:
         several = ", ".join(ending[:3]) + (", ..." if len(ending) > 3 else "")
         raise SettingsError(f'"{name}" may be {several}; give it in full')
     hint = nearest(name, known) or "docs/settings.md lists all"
-    raise SettingsError(f'unknown setting "{name[:80]}"; {hint}')
+    raise SettingsError(f'unknown setting "{brief(name)}"; {hint}')
