@@ -311,7 +311,8 @@ def main():
     parser.add_argument("--out", type=Path, default=Path("results/trust/altered-files.json"))
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary, Progress() as reporter:
-        place = arguments.place or Path(temporary)
+        # Whole, so that a link made there leads where it should.
+        place = (arguments.place or Path(temporary)).resolve()
         if not (place / "whole").exists():
             reporter.note("training the runs whose files are altered")
             strangers_files.make(place, real=True)
