@@ -21,7 +21,7 @@ from lanewise.commands import (
     watch,
 )
 from lanewise.commands.arguments import Parsed, parse
-from lanewise.errors import LanewiseError, SettingsError
+from lanewise.errors import LanewiseError, SettingsError, brief, printable
 from lanewise.names import look_up
 from lanewise.version import __version__
 
@@ -96,7 +96,7 @@ def _dispatch(words: list[str]) -> int:
         sys.stdout.write(f"lanewise {__version__}\n")
         return 0
     if name.startswith("-"):
-        raise SettingsError(f'expected a command before "{name[:80]}": ' + ", ".join(COMMANDS))
+        raise SettingsError(f'expected a command before "{brief(name)}": ' + ", ".join(COMMANDS))
     command = look_up("command", name, COMMANDS)
     if "-h" in rest or "--help" in rest:
         from lanewise.commands import helptext
@@ -107,7 +107,7 @@ def _dispatch(words: list[str]) -> int:
 
 
 def _refuse(message: str) -> int:
-    sys.stderr.write(f"lanewise: error: {message}\n")
+    sys.stderr.write(f"lanewise: error: {printable(message)}\n")
     return REFUSED
 
 

@@ -3,22 +3,18 @@
 import dataclasses
 import hashlib
 import json
-import re
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from lanewise import crosschecks
-from lanewise.errors import SettingsError
+from lanewise import crosschecks, reading
+from lanewise.errors import SettingsError, brief
 from lanewise.names import look_up, nearest
 from lanewise.ranges import Kind, show
 from lanewise.settings import PRESETS, TRAPS, Settings
 
-_LARGEST_FILE = 1_000_000
-_ENDLESS = re.compile(r"^([^=\n]+)=[^\n]*?[0-9_]{4000}", re.MULTILINE)
-"""A line that sets something to a number of thousands of digits."""
+_LARGEST_FILE = 100_000
 
 
 def compose(
@@ -49,7 +45,11 @@ def compose(
         if not isinstance(flags, Mapping):
             raise SettingsError(f"flags: expected a mapping of settings, got {show(flags)}")
         values |= flags
-    return replace(Settings(), values)
+    try:
+        return replace(Settings(), values)
+    except SettingsError as error:
+        # What the file says is in range; here it contradicts something.
+        raise error if file is None else SettingsError(f"{error} (settings file {file})") from error
 
 
 @cache
@@ -122,7 +122,7 @@ def validate(settings: Settings) -> None:
 def unknown_setting(name: str) -> str:
     """The message for a name that is no setting, with the nearest right one."""
     hint = nearest(name, kinds()) or "`lanewise train --help` lists all"
-    return f'unknown setting "{name[:80]}"; {hint}'
+    return f'unknown setting "{brief(name)}"; {hint}'
 
 
 def load_toml(path: Path) -> dict[str, object]:
@@ -132,34 +132,47 @@ def load_toml(path: Path) -> dict[str, object]:
         SettingsError: The file cannot be read or is no TOML, or a name in it is unknown.
     """
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise SettingsError(f"{path}: larger than a settings file can be")
-        text = path.read_bytes().decode("utf-8")
-    except OSError as error:
-        raise SettingsError(f"cannot read settings file {path}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise SettingsError(f"{path}: not valid TOML: not UTF-8 text") from error
+        data = reading.contents(path, _LARGEST_FILE)
+    except reading.UnreadableError as error:
+        raise SettingsError(f"cannot read settings file {path}: {error}") from error
+    return parse_toml(data, path)
+
+
+def compose_from(data: bytes, path: Path) -> Settings:
+    """Composes the settings of a file from the bytes that ``path`` is known to hold.
+
+    Raises:
+        SettingsError: As in ``compose``; names the file.
+    """
+    values = parse_toml(data, path)
     try:
-        return _by_name(read_toml(text))
+        return compose(flags=values)
     except SettingsError as error:
         raise SettingsError(f"{path}: {error}") from error
 
 
-def read_toml(text: str) -> dict[str, Any]:
-    """The tables of a TOML text.
+def parse_toml(data: bytes, path: Path) -> dict[str, object]:
+    """Reads settings as `load_toml`, from the bytes that ``path`` is known to hold.
 
     Raises:
-        SettingsError: It is no TOML, or a number in it is longer than Python reads.
+        SettingsError: They are no TOML, a name in them is unknown, or a value is out of its range.
     """
     try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        if endless := _ENDLESS.search(text):
-            raise SettingsError(
-                f"{endless[1].strip()[:80]}: a whole number of so many digits is out of every range"
-            ) from error
-        reason = " ".join(str(error).split())[:120]
-        raise SettingsError(f"not valid TOML: {reason}") from error
+        table = reading.toml_table(data)
+    except ValueError as error:
+        raise SettingsError(f"{path} is not valid TOML: {error}") from error
+    try:
+        values = _by_name(table)
+        return {name: kinds()[name].check(name, value) for name, value in values.items()}
+    except SettingsError as error:
+        raise SettingsError(f"{path}: {error}") from error
+
+
+@cache
+def _sections() -> frozenset[str]:
+    """Dotted names that are no settings but have some below them."""
+    parts = (name.split(".") for name in kinds())
+    return frozenset(".".join(words[:n]) for words in parts for n in range(1, len(words)))
 
 
 def _by_name(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
@@ -168,7 +181,7 @@ def _by_name(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
     found: dict[str, object] = {}
     for key, value in table.items():
         name = prefix + key.replace("-", "_")
-        is_section = any(option.startswith(f"{name}.") for option in known)
+        is_section = name in _sections()
         if isinstance(value, Mapping) and is_section:
             below = _by_name(value, f"{name}.")
         elif name in known:
@@ -178,7 +191,7 @@ def _by_name(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
         elif isinstance(value, Mapping):
             sections = dict.fromkeys(option.rpartition(".")[0] for option in known)
             hint = nearest(name, sections) or "known: " + ", ".join(sections)
-            raise SettingsError(f'unknown section "{name[:80]}"; {hint}')
+            raise SettingsError(f'unknown section "{brief(name)}"; {hint}')
         else:
             raise SettingsError(unknown_setting(name))
         if found.keys() & below.keys():

@@ -11,6 +11,8 @@ from lanewise.settings import STAGES, Settings
 from lanewise.training.settings import BudgetSettings, LevelSettings
 from lanewise.world.settings import CAR_LENGTH
 
+MOST_LAYERS = 16
+"""Hidden layers of a network; compiling one takes time with each."""
 _TRAINING_RANGES = (
     "training_ego_speed",
     "training_trap_speed",
@@ -212,6 +214,10 @@ def _check_level(name: str, budget: BudgetSettings, level: LevelSettings) -> Non
     _at_most((f"{learner}.batch_size", level.learner.batch_size), capacity)
     _at_most((f"{learner}.warm_up", level.learner.warm_up), capacity)
     _at_most((f"{name.split('.')[0]}.worlds", budget.worlds), capacity)
+    if len(level.learner.hidden) > MOST_LAYERS:
+        raise SettingsError(
+            f"{learner}.hidden: at most {MOST_LAYERS} layers, got {len(level.learner.hidden)}"
+        )
     for width in level.learner.hidden:
         Kind(int, None, Between(1, 65_536)).check(f"{learner}.hidden", width)
     _check_schedules(name, level)

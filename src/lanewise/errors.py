@@ -1,10 +1,21 @@
 """The errors Lanewise reports to people: one or two lines, what is wrong and what to do."""
 
+import unicodedata
 from typing import Any
+
+_STEERING = ("Cc", "Cf", "Cs", "Zl", "Zp")
+_JOINERS = "\u200c\u200d"
+"""Format characters without which some scripts cannot be written; they steer nothing."""
 
 
 class LanewiseError(Exception):
-    """A mistake the user can mend; the command line prints its message and exits with code 2."""
+    """A mistake the user can mend; the command line prints its message and exits with code 2.
+
+    A message may quote a stranger's file: as text it holds nothing that a terminal would obey.
+    """
+
+    def __str__(self) -> str:
+        return printable(super().__str__())
 
 
 class SettingsError(LanewiseError):
@@ -26,3 +37,32 @@ class NumbersError(LanewiseError):
         super().__init__(message)
         self.found = found
         """All that was not finite, likely causes first; plain values, as they are stored."""
+
+
+def printable(text: str) -> str:
+    r"""A text with everything spelled out that would steer a terminal or turn writing around.
+
+    Control and format characters, halves of surrogate pairs and line separators become escapes
+    such as ``\x1b``; line feeds stay.
+    """
+    if text.isascii() and text.replace("\n", "").isprintable():
+        return text
+    return "".join(_spelled(char) if _steers(char) else char for char in text)
+
+
+def brief(value: object) -> str:
+    """What a file calls something, on one line and short enough to be quoted in a message."""
+    text = value if isinstance(value, str) else repr(value)
+    return printable(text[:80]).replace("\n", "\\n")
+
+
+def _steers(char: str) -> bool:
+    return char not in ("\n", *_JOINERS) and unicodedata.category(char) in _STEERING
+
+
+def _spelled(char: str) -> str:
+    return (
+        char.encode("ascii", "backslashreplace").decode()
+        if char > "\x7f"
+        else f"\\x{ord(char):02x}"
+    )

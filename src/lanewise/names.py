@@ -5,10 +5,12 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import TypeVar
 
-from lanewise.errors import SettingsError
+from lanewise.errors import SettingsError, brief
 
 T = TypeVar("T")
 _SEPARATORS = re.compile(r"[^a-z0-9]+")
+_LONGEST = 80
+"""Of a name worth a hint: comparing takes time with the square of its length."""
 
 
 def look_up(what: str, name: object, table: Mapping[str, T]) -> T:
@@ -19,7 +21,7 @@ def look_up(what: str, name: object, table: Mapping[str, T]) -> T:
     if name in table:
         return table[name]
     hint = nearest(name, table)
-    raise SettingsError(f'unknown {what} "{name[:80]}"; {hint or "known: " + ", ".join(table)}')
+    raise SettingsError(f'unknown {what} "{brief(name)}"; {hint or "known: " + ", ".join(table)}')
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
@@ -29,6 +31,8 @@ def nearest(name: str, known: Iterable[str]) -> str:
     section; the same words of the last name in another order; a name spelt alike; a last name spelt
     alike.
     """
+    if len(name) > _LONGEST:
+        return ""
     options = list(known)
     for same in (_letters, _last, _words):
         wanted = same(name)

@@ -11,6 +11,8 @@ from rich.markup import escape
 from rich.progress import BarColumn, TaskID, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
+from lanewise.errors import printable
+
 
 class Progress:
     """Reports how far the stages of a training have come.
@@ -73,7 +75,8 @@ class Progress:
         self._line(", ".join(part for part in parts if part))
 
     def note(self, text: str) -> None:
-        """Writes a line that stays, such as a warning."""
+        """Writes a line that stays, such as a warning; it may name a stranger's file."""
+        text = printable(text)
         if self._bar is not None:
             self._bar.console.print(text, markup=False, highlight=False, soft_wrap=True)
         else:

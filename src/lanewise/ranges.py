@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
-from lanewise.errors import SettingsError
+from lanewise.errors import SettingsError, brief
 
 _DIGITS = 4000
 """Digits of a whole number that are read; Python refuses 4300."""
@@ -132,7 +132,7 @@ class Kind:
                 word = word[:_DIGITS]
             return self.type(word)
         except (KeyError, ValueError):
-            raise SettingsError(f'{name}: expected {self._noun}, got "{word[:80]}"') from None
+            raise SettingsError(f'{name}: expected {self._noun}, got "{brief(word)}"') from None
 
     def _check_one(self, name: str, value: Any) -> Any:
         # bool is an int in Python, and 1 is a float's equal: neither may slip through.
@@ -172,7 +172,7 @@ def show(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return f'"{value[:80]}"'
+        return f'"{brief(value)}"'
     if isinstance(value, tuple | list):
         return "[" + ", ".join(show(member) for member in value[:8]) + "]"
     try:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from lanewise import config
-from lanewise.errors import SettingsError
+from lanewise.errors import SettingsError, brief
 from lanewise.names import nearest
 from lanewise.ranges import Kind
 from lanewise.settings import PRESETS
@@ -121,7 +121,7 @@ def _collect(command: type, words: Sequence[str]) -> dict[str, Any]:
             place = next((p for p in positionals if p.is_list or p.name not in found), None)
             if place is None:
                 meant = f"; did you mean {flag_of(word)}?" if flag_of(word) in flags else ""
-                raise SettingsError(f'unexpected argument "{word[:80]}"{meant}')
+                raise SettingsError(f'unexpected argument "{brief(word)}"{meant}')
             value = place.read([word])
             found[place.name] = found.get(place.name, ()) + value if place.is_list else value
     for option in (*positionals, *flags.values()):
@@ -168,7 +168,7 @@ def _find(command: type, flags: Mapping[str, Option], flag: str) -> Option:
     hint = nearest(flag.lstrip(_DASHES), [known.removeprefix("--") for known in flags])
     hint = hint.replace("did you mean ", "did you mean --").replace(" or ", " or --")
     hint = hint or f"`lanewise {command.__name__.lower()} --help` lists all"
-    raise SettingsError(f'unknown option "{flag[:80]}"; {hint}')
+    raise SettingsError(f'unknown option "{brief(flag)}"; {hint}')
 
 
 def _choices(option: Option) -> str:

@@ -3,13 +3,14 @@
 import json
 import shlex
 import sys
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import IO, Annotated, Any
+from typing import Annotated, Any
 
 from lanewise import config
+from lanewise.commands import journal as journals
 from lanewise.commands.arguments import Parsed
+from lanewise.commands.journal import Journal
 from lanewise.commands.train import SEEDS
 from lanewise.errors import RunError, SettingsError
 from lanewise.evaluation import grid as grids
@@ -17,7 +18,6 @@ from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
 from lanewise.progress import Progress
 from lanewise.ranges import Between
 from lanewise.runs import shelf
-from lanewise.runs.files import write_atomically
 from lanewise.runs.folder import RunFolder
 from lanewise.scenario.settings import EgoSpeed, FrontDistance, Lanes, SideDistance, TrapSpeed
 from lanewise.settings import Settings
@@ -60,24 +60,6 @@ class Sweep:
     """Numbers of traffic vehicles behind the ego."""
 
 
-@dataclass
-class Journal:
-    """What is done so far, in memory and on disk."""
-
-    reached: list[Reach]
-    outcomes: list[Outcome]
-    file: IO[str]
-
-    def add(self, found: list[Reach] | list[Outcome]) -> None:
-        """Keep some results; a kill loses only what came after."""
-        for result in found:
-            kept: list[Any] = self.reached if isinstance(result, Reach) else self.outcomes
-            kept.append(result)
-            name = type(result).__name__
-            self.file.write(json.dumps({"kind": name, **asdict(result)}) + "\n")
-        self.file.flush()
-
-
 def run(parsed: Parsed[Sweep]) -> int:
     """Tests and draws; returns the exit code."""
     command = parsed.command
@@ -92,7 +74,9 @@ def run(parsed: Parsed[Sweep]) -> int:
     from lanewise.runs import trained
 
     controller = trained.load(command.run)
-    journal = _open(command.out / JOURNAL, _identity(command, folder, trained.fingerprint(folder)))
+    journal = journals.open_(
+        command.out / JOURNAL, _identity(command, folder, trained.fingerprint(folder))
+    )
     with journal.file, Progress() as reporter:
         _work(command, grid, controller, journal, reporter)
     _report(command, grid, folder, journal)
@@ -162,48 +146,6 @@ def _identity(command: Sweep, folder: RunFolder, weights: str) -> dict[str, Any]
     plain = {"kind": "Sweep", "controller": folder.controller, "weights": weights, **asked}
     same: dict[str, Any] = json.loads(json.dumps(plain))
     return same
-
-
-def _open(path: Path, identity: dict[str, Any]) -> Journal:
-    """The journal of this sweep, continued or begun.
-
-    Raises:
-        RunError: the folder holds something else, or a sweep of something else.
-    """
-    out = path.parent
-    head = json.dumps(identity) + "\n"
-    if not path.exists():
-        if out.exists() and (not out.is_dir() or any(out.iterdir())):
-            raise RunError(f"{out} is not an empty folder and holds no sweep; choose another")
-        out.mkdir(parents=True, exist_ok=True)
-        path.write_text(head, encoding="utf-8")
-    lines = list(_lines(path))
-    if not lines or json.loads(lines[0]) != identity:
-        raise RunError(f"{out} holds another sweep: continue with its options, or choose another")
-    # What a kill has cut short is left out, here and on disk.
-    write_atomically(out, {JOURNAL: "".join(lines).encode()})
-    results = [json.loads(line) for line in lines[1:]]
-    return Journal(
-        reached=[Reach(**_fields(line)) for line in results if line["kind"] == "Reach"],
-        outcomes=[Outcome(**_fields(line)) for line in results if line["kind"] == "Outcome"],
-        file=path.open("a", encoding="utf-8"),
-    )
-
-
-def _fields(line: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in line.items() if name != "kind"}
-
-
-def _lines(path: Path) -> Iterator[str]:
-    """The whole lines of a journal, each known to be JSON."""
-    for line in path.read_text(encoding="utf-8").splitlines(keepends=True):
-        if not line.endswith("\n"):
-            return
-        try:
-            json.loads(line)
-        except ValueError as error:
-            raise RunError(f"{path} is damaged: remove it to begin anew") from error
-        yield line
 
 
 def _report(command: Sweep, grid: Grid, folder: RunFolder, journal: Journal) -> None:

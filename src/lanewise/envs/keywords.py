@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from lanewise import config
-from lanewise.errors import SettingsError
+from lanewise.errors import SettingsError, brief
 from lanewise.names import nearest
 from lanewise.settings import Settings
 
@@ -65,4 +65,4 @@ def _resolve(name: str, known: list[str]) -> str:
     if any(option.startswith(f"{name}.") for option in known):
         raise SettingsError(f"{name} is a section, not a setting; give it a mapping")
     hint = nearest(name, known) or "docs/settings.md lists all"
-    raise SettingsError(f'unknown setting "{name[:80]}"; {hint}')
+    raise SettingsError(f'unknown setting "{brief(name)}"; {hint}')

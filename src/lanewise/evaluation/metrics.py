@@ -1,7 +1,7 @@
 """The one definition of every test metric: name, unit, meaning, and what the paper published."""
 
 import csv
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite, nan
 from typing import Any
@@ -270,6 +270,12 @@ def paired(a: Episodes, b: Episodes) -> Paired:
     return Paired(common, tuple(int(i) for i in np.flatnonzero(~same)))
 
 
+_NUMBERS = tuple(n for n in Episodes.__dataclass_fields__ if n not in ("success", "accident"))
+_WHOLE = ("goals", "goals_timed_out")
+_UNKNOWN = ("escape_time",)
+"""Columns whose numbers may be missing."""
+
+
 def from_csv(text: str) -> Episodes:
     """Read back what `to_csv` made.
 
@@ -279,26 +285,37 @@ def from_csv(text: str) -> Episodes:
     try:
         head, *rows = csv.reader(text.splitlines())
         cells = dict(zip(head, zip(*rows, strict=True), strict=True))
-        columns = {name: cells[name] for name in Episodes.__dataclass_fields__}
-        whole = {"goals", "goals_timed_out"}
+        if len(cells) != len(head) or cells["episode"] != tuple(map(str, range(len(rows)))):
+            raise ValueError("the rows are not numbered")
         return Episodes(
-            success=np.array([cell == "1" for cell in columns.pop("success")], np.bool_),
-            accident=np.array([ACCIDENTS.index(c) for c in columns.pop("accident")], np.int8),
-            **{
-                name: np.array([int(c) if name in whole else float(c or nan) for c in column])
-                for name, column in columns.items()
-            },
+            success=np.array([("0", "1").index(c) for c in cells["success"]], np.bool_),
+            accident=np.array([ACCIDENTS.index(c) for c in cells["accident"]], np.int8),
+            **{name: _numbers(name, cells[name]) for name in _NUMBERS},
         )
-    except (KeyError, ValueError) as error:
+    except (KeyError, ValueError, OverflowError, csv.Error) as error:
         raise LanewiseError("the test's episodes are damaged; drive the test again") from error
+
+
+def _numbers(name: str, column: Sequence[str]) -> NDArray[Any]:
+    """A column as `to_csv` writes it.
+
+    Raises:
+        ValueError: a number is infinite, or unknown where it cannot be.
+    """
+    if name in _WHOLE:
+        return np.array([int(cell) for cell in column], np.int64)
+    values = np.array([float(cell or nan) for cell in column], np.float64)
+    known = values if name not in _UNKNOWN else values[~np.isnan(values)]
+    if not np.isfinite(known).all():
+        raise ValueError(f"{name} is not finite")
+    return values
 
 
 def to_csv(episodes: Episodes) -> str:
     """One row an episode as comma-separated text, numbers in full; an unknown value is empty."""
-    names = [name for name in Episodes.__dataclass_fields__ if name not in ("success", "accident")]
-    lines = [",".join(["episode", "success", "accident", *names])]
+    lines = [",".join(["episode", "success", "accident", *_NUMBERS])]
     for i in range(len(episodes)):
-        numbers = (getattr(episodes, name)[i].item() for name in names)
+        numbers = (getattr(episodes, name)[i].item() for name in _NUMBERS)
         cells = ("" if number != number else repr(number) for number in numbers)
         cause = ACCIDENTS[episodes.accident[i]]
         lines.append(",".join([str(i), str(int(episodes.success[i])), cause, *cells]))

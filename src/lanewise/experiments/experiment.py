@@ -25,16 +25,18 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from lanewise import config, crosschecks
+from lanewise import config, crosschecks, reading
 from lanewise.controllers.settings import REFERENCES
-from lanewise.errors import SettingsError
+from lanewise.errors import SettingsError, brief
 from lanewise.names import look_up, nearest
 from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1
 from lanewise.settings import PRESETS, Settings
 
 BUILT_IN = ("quick", "standard", "paper")
 """Experiments that come with the package, each a file beside this one."""
-_LARGEST_FILE = 1_000_000
+_LARGEST_FILE = 100_000
+_MOST_ARMS = 100
+_LONGEST_TEXT = 200
 _COUNTS = {"seeds": (1, 1000), "episodes": (1, 10_000_000), "highway_env_episodes": (0, 10_000_000)}
 
 
@@ -125,12 +127,11 @@ def load_file(path: Path) -> Experiment:
         SettingsError: it cannot be read, or something in it is wrong.
     """
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise SettingsError(f"{path}: larger than an experiment can be")
-        text = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise SettingsError(f"cannot read experiment {path}: {reason}") from error
+        text = reading.contents(path, _LARGEST_FILE).decode("utf-8")
+    except reading.UnreadableError as error:
+        raise SettingsError(f"cannot read experiment {path}: {error}") from error
+    except UnicodeDecodeError as error:
+        raise SettingsError(f"cannot read experiment {path}: not UTF-8 text") from error
     try:
         return parse(path.stem, text)
     except SettingsError as error:
@@ -143,12 +144,17 @@ def parse(name: str, text: str) -> Experiment:
     Raises:
         SettingsError: says what is wrong with it.
     """
-    table = config.read_toml(text)
+    try:
+        table = reading.toml_table(text.encode())
+    except ValueError as error:
+        raise SettingsError(f"not valid TOML: {error}") from error
     _known(table, ("title", "preset", *_COUNTS, "arms"), "an experiment")
     counts = {key: _count(table, key) for key in _COUNTS}
     arms = _table(table, "arms")
     if not arms:
         raise SettingsError("an experiment needs at least one [arms.NAME]")
+    if len(arms) > _MOST_ARMS:
+        raise SettingsError(f"an experiment has at most {_MOST_ARMS} arms, got {len(arms)}")
     parsed = tuple(_arm(arm, _table(arms, arm)) for arm in arms)
     preset = _text(table, "preset", "quick")
     look_up("preset", preset, PRESETS)
@@ -161,8 +167,11 @@ def parse(name: str, text: str) -> Experiment:
 
 
 def _arm(name: str, table: Mapping[str, Any]) -> Arm:
-    if not name.replace("-", "").isalnum() or not name.isascii():
-        raise SettingsError(f'arm "{name[:80]}": a name holds letters, digits and dashes')
+    # It becomes a folder's name.
+    if not name.replace("-", "").isalnum() or not name.isascii() or len(name) > 80:
+        raise SettingsError(
+            f'arm "{brief(name)}": a name holds letters, digits and dashes, at most 80'
+        )
     _known(table, ("title", "controller", "high_level", "settings", *_COUNTS), f"arm {name}")
     controller = _text(table, "controller", "")
     kinds = dict.fromkeys((*CONTROLLERS, *REFERENCES))
@@ -177,7 +186,7 @@ def _check_high_level(experiment: Experiment, arm: Arm) -> None:
     """Refuses, before anything is trained, what could not be taken over afterwards."""
     lender = next((other for other in experiment.arms if other.name == arm.high_level), None)
     if lender is None:
-        raise SettingsError(f'arm {arm.name}: high_level "{arm.high_level[:80]}" is no arm')
+        raise SettingsError(f'arm {arm.name}: high_level "{brief(arm.high_level)}" is no arm')
     if {arm.controller, lender.controller} - set(WITH_STEP_1):
         raise SettingsError(f"arm {arm.name}: only {' and '.join(WITH_STEP_1)} have a step 1")
     if lender.high_level:
@@ -195,7 +204,7 @@ def _known(table: Mapping[str, Any], names: tuple[str, ...], owner: str) -> None
     for key in table:
         if key not in names:
             hint = nearest(key, dict.fromkeys(names)) or "known: " + ", ".join(names)
-            raise SettingsError(f'{owner} has no "{key[:80]}"; {hint}')
+            raise SettingsError(f'{owner} has no "{brief(key)}"; {hint}')
 
 
 def _count(table: Mapping[str, Any], key: str) -> int:
@@ -210,6 +219,8 @@ def _text(table: Mapping[str, Any], key: str, default: str) -> str:
     value = table.get(key, default)
     if not isinstance(value, str):
         raise SettingsError(f"{key}: expected text")
+    if len(value) > _LONGEST_TEXT:
+        raise SettingsError(f"{key}: longer than {_LONGEST_TEXT} characters")
     return value
 
 

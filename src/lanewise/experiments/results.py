@@ -11,6 +11,7 @@ from lanewise.experiments import testing, work
 from lanewise.experiments.experiment import Arm, Experiment
 from lanewise.experiments.work import Job, Test
 from lanewise.runs import metrics, trained
+from lanewise.runs.folder import RunFolder
 from lanewise.runs.trained import Trained
 from lanewise.training import recipe
 
@@ -41,13 +42,13 @@ class SeedResult:
     @cached_property
     def lines(self) -> list[dict[str, Any]]:
         """The metrics of its training; none for a reference driver."""
-        return metrics.read(self.job.path / "metrics.jsonl") if self.job.trains else []
+        return trained.lines(RunFolder.open(self.job.path)) if self.job.trains else []
 
     @property
     def whole_training(self) -> list[dict[str, Any]]:
         """The metrics of its training, and before them those of a step 1 that it took over."""
         lender = self.job.high_level
-        taken = [] if lender is None else metrics.read(lender / "metrics.jsonl")
+        taken = [] if lender is None else trained.lines(RunFolder.open(lender))
         return [line for line in taken if line["stage"] == recipe.STEP_1.name] + self.lines
 
     @property
@@ -76,7 +77,7 @@ class SeedResult:
             decisions=sum(chunk["decisions"] for chunk in last.values()),
             episodes=sum(chunk["episodes"] for chunk in last.values()),
             updates=sum(chunk["updates"] for chunk in last.values()),
-            seconds=sum(line["seconds"] for line in times),
+            seconds=sum(_seconds(line) for line in times),
         )
 
     @property
@@ -157,6 +158,11 @@ def collect(experiment: Experiment, jobs: Sequence[Job]) -> list[ArmResult]:
 def _tests(job: Job) -> dict[str, Test]:
     tests = {world: work.read_test(job.path, world) for world in job.episodes}
     return {world: test for world, test in tests.items() if test is not None}
+
+
+def _seconds(line: Mapping[str, Any]) -> float:
+    value = line.get("seconds")
+    return value if isinstance(value, int | float) else 0.0
 
 
 def _path(out: Path, arm: str, seed: int) -> Path:

@@ -1,13 +1,16 @@
 """One arm with one seed: train it or continue, then test it in both worlds. Files, no report."""
 
+import hashlib
 import json
+import math
+import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lanewise import config
-from lanewise.errors import RunError
+from lanewise import config, reading
+from lanewise.errors import LanewiseError, RunError
 from lanewise.evaluation import metrics
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.metrics import Summary
@@ -25,6 +28,11 @@ SETTINGS = "settings.toml"
 """What a reference driver was tested with; a training has its own in its run folder."""
 TESTS = "tests"
 """Folder of a run that holds its tests."""
+_LARGEST_TEST = 64_000_000
+_LONGEST = 1e9
+"""Seconds of a test, 30 years."""
+_FIELDS = {"summary", "seconds", "episodes_sha256", "digest"}
+_AGAIN = "; delete it, and the test is driven again"
 
 
 @dataclass(frozen=True)
@@ -127,26 +135,78 @@ def read_test(path: Path, world: str) -> Test | None:
         RunError: its files are damaged.
     """
     file = path / TESTS / f"{world}.json"
-    if not file.exists():
+    if not os.path.lexists(file):
         return None
     stored = _read(file)
-    episodes = metrics.from_csv((path / TESTS / f"{world}.csv").read_text("utf-8"))
-    return Test(Summary.from_json(stored["summary"]), episodes, stored["seconds"])
+    table = file.with_suffix(".csv")
+    content = _contents(table)
+    # Tests from before the digest was remembered lack it.
+    if _sha256(content) != stored.get("episodes_sha256", _sha256(content)):
+        raise RunError(f"{table} was altered{_AGAIN}")
+    try:
+        episodes = metrics.from_csv(content.decode("utf-8"))
+        summary = Summary.from_json(stored["summary"])
+        again = metrics.summarise(episodes, controller=summary.controller, world=world)
+    except (LanewiseError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise RunError(f"{table} is damaged{_AGAIN}") from error
+    # The figures follow from the episodes: if one of the two was altered, they no longer do.
+    if not _agree(summary.to_json(), again.to_json()):
+        raise RunError(f"{file} and {table.name} do not agree{_AGAIN}")
+    return Test(summary, episodes, stored["seconds"])
+
+
+def _agree(stored: Any, again: Any) -> bool:
+    """Whether two summaries are the same, up to how another machine rounds."""
+    if isinstance(again, dict):
+        return isinstance(stored, dict) and all(
+            _agree(value, again.get(name)) for name, value in stored.items()
+        )
+    if isinstance(again, list | tuple):
+        return len(stored) == len(again) and all(map(_agree, stored, again))
+    if isinstance(again, float):
+        return isinstance(stored, float) and math.isclose(stored, again, rel_tol=1e-9, abs_tol=1e-9)
+    return bool(stored == again)
 
 
 def _store(path: Path, name: str, world: str, episodes: Episodes, seconds: float) -> None:
     summary = metrics.summarise(episodes, controller=name, world=world).to_json()
-    text = json.dumps({"summary": summary, "seconds": round(seconds, 2)}, indent=1) + "\n"
+    table = metrics.to_csv(episodes).encode()
+    stored: dict[str, Any] = {
+        "summary": summary,
+        "seconds": round(seconds, 2),
+        "episodes_sha256": _sha256(table),
+    }
+    text = json.dumps(stored | {"digest": reading.digest(stored)}, indent=1) + "\n"
     folder = path / TESTS
     folder.mkdir(parents=True, exist_ok=True)
-    contents = {f"{world}.csv": metrics.to_csv(episodes), f"{world}.json": text}
-    write_atomically(folder, {name: value.encode() for name, value in contents.items()})
+    write_atomically(folder, {f"{world}.csv": table, f"{world}.json": text.encode()})
 
 
 def _read(file: Path) -> dict[str, Any]:
     try:
-        stored: dict[str, Any] = json.loads(file.read_text("utf-8"))
-        _ = stored["summary"]["episodes"], stored["seconds"]
+        stored: dict[str, Any] = reading.json_value(_contents(file))
+        counts = type(stored["summary"]["episodes"]) is int
+        if not counts or type(stored["seconds"]) not in (int, float):
+            raise ValueError("no numbers")
+        if not 0 <= stored["seconds"] < _LONGEST:
+            raise ValueError("no time that a test could take")
+        if ("digest" in stored) != ("episodes_sha256" in stored):
+            raise ValueError("altered")
+        if stored.keys() - _FIELDS or stored.get("digest", reading.digest(stored)) != (
+            reading.digest(stored)
+        ):
+            raise ValueError("altered")
     except (ValueError, KeyError, TypeError) as error:
-        raise RunError(f"{file} is damaged; delete it, and the test is driven again") from error
+        raise RunError(f"{file} is damaged{_AGAIN}") from error
     return stored
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _contents(file: Path) -> bytes:
+    try:
+        return reading.contents(file, _LARGEST_TEST, links=False)
+    except reading.UnreadableError as error:
+        raise RunError(f"cannot read {file}: {error}{_AGAIN}") from error

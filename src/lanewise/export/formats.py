@@ -36,8 +36,11 @@ def save(policy: Policy, path: Path) -> None:
     """Write a policy.
 
     Raises:
-        LanewiseError: the file cannot be written.
+        LanewiseError: the file cannot be written, or would be too large to be read.
     """
+    size = sum(array.nbytes for array in policy.arrays.values())
+    if path.suffix == NUMPY and size > numpy_policy.LARGEST // 2:
+        raise LanewiseError(f"{path}: its networks of {size} bytes are too large for the reader")
     if path.suffix == ONNX:
         onnx_models().save(policy, path)
         return
@@ -53,11 +56,23 @@ def step(path: Path) -> "Step":
     """The decision of a policy that was written, as `Policy.step`.
 
     Raises:
-        LanewiseError: onnxruntime is not installed.
-        OSError: the file cannot be read.
-        ValueError: it holds no policy.
+        LanewiseError: onnxruntime is not installed, or the file cannot be read or holds no policy.
     """
     if path.suffix == ONNX:
         found: Step = onnx_models().Session(path).step
         return found
-    return numpy_policy.load(path).step
+    return load(path).step
+
+
+def load(path: Path) -> Policy:
+    """The policy in a file for NumPy.
+
+    Raises:
+        LanewiseError: it cannot be read, or holds no policy.
+    """
+    try:
+        return numpy_policy.load(path)
+    except numpy_policy.PolicyError as error:
+        raise LanewiseError(str(error)) from error
+    except OSError as error:
+        raise LanewiseError(f"cannot read {path}: {error.strerror}") from error

@@ -16,8 +16,12 @@ dispatch on their arguments, so that the ONNX model is recorded from it (`onnx_m
 import json
 import math
 import os
+import re
+import stat
+import struct
+from io import BytesIO
 from typing import Any, NamedTuple
-from zipfile import BadZipFile
+from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
 import numpy as np
 
@@ -36,6 +40,30 @@ START: dict[str, dict[str, Any]] = {
 """By kind of memory, its parts and what they are before an episode's first decision."""
 Array = Any
 Memory = dict[str, Array]
+
+LARGEST, MOST_ARRAYS, ACTIONS, SIGNS = 64_000_000, 500, 9, (-1.0, 0.0, 1.0)
+"""Bytes of a file and arrays in it, at most; low-level actions; signs."""
+HEADER = re.compile(
+    rb"\x93NUMPY\x01\x00..\{'descr': '(<f4|<i8|<U[0-9]{1,7})', 'fortran_order': (True|False), "
+    rb"'shape': \(((?:[0-9]{1,9}(?:, ?)?){0,4})\), \} *\n",
+    re.DOTALL,
+)
+"""How an array's bytes begin, as NumPy writes them."""
+COMMON = {"seed": (0, 2**31 - 1), "decision_frequency": (1, 50)}
+GOALS = {
+    "lowest_speed": (0.0, 40.0),
+    "highest_speed": (0.0, 40.0),
+    "speed_step": (0.05, 10.0),
+    "lateral_tolerance": (0.01, 4.0),
+    "speed_tolerance": (0.01, 10.0),
+}
+PLANNER = {
+    "acceleration": (0.01, 10.0),
+    "steering": (0.001, 1.0),
+    "tick": (0.001, 1.0),
+    "decision": (0.001, 1.0),
+}
+"""Numbers and the bounds that Lanewise's settings set them."""
 
 LATERAL_RANGE, SPEED_RANGE, GOAL_LIMIT = 4.0, 2.0, 2.0
 HALF_LENGTH, STRAIGHT, HEADING_LIMIT = 2.5, 0.004, 0.2
@@ -281,47 +309,186 @@ def _preview(
     )
 
 
+class PolicyError(ValueError):
+    """A file is no policy, or a damaged or altered one."""
+
+
 def load(path: str | os.PathLike[str]) -> Policy:
-    """Read a policy; nothing in the file can run.
+    """Read a policy; nothing in the file can run, and no more of it is read than its own length.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is no policy, or one of another version.
+        PolicyError: it is no policy, or one of another version; a ValueError.
     """
+    if not stat.S_ISREG(os.stat(path).st_mode):
+        raise PolicyError(f"{path} is no policy of Lanewise: it is not a regular file")
+    with open(path, "rb") as file:
+        data = file.read(LARGEST + 1)
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        about = json.loads(str(arrays.pop("about")))
+        arrays = _arrays(data)
+        about = _about(arrays.pop("about"))
         ours = about["format"] == FORMAT and about["version"] == VERSION
         if ours:
             _check(about, arrays)
-    except (KeyError, AttributeError, TypeError, ValueError, EOFError, BadZipFile) as error:
-        raise ValueError(f"{path} is no policy of Lanewise, or a damaged one") from error
+    except _DAMAGE as error:
+        reason = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
+        raise PolicyError(
+            f"{path} is no policy of Lanewise, or a damaged one: {ascii(reason)[1:-1][:120]}"
+        ) from error
     if not ours:
-        raise ValueError(f"{path} has another format version; this reader knows {VERSION}")
+        raise PolicyError(f"{path} has another format version; this reader knows {VERSION}")
     return Policy(about, arrays)
 
 
+_DAMAGE = (
+    *(KeyError, AttributeError, TypeError, ValueError, IndexError, OverflowError, EOFError),
+    *(BadZipFile, NotImplementedError, RuntimeError, OSError, struct.error),
+)
+"""What reading a file that is not what it should be can raise; RecursionError is among them."""
+
+
+def _arrays(data: bytes) -> dict[str, Array]:
+    """The arrays of an archive that NumPy's `savez` wrote, uncompressed as it writes them.
+
+    Raises:
+        ValueError: it is too large, compressed, or says that it holds more than it does.
+    """
+    if len(data) > LARGEST:
+        raise ValueError(f"it is larger than {LARGEST} bytes")
+    # One of these begins each entry of the list of members.
+    if data.count(b"PK\x01\x02") > MOST_ARRAYS:
+        raise ValueError(f"it holds more than {MOST_ARRAYS} arrays")
+    arrays: dict[str, Array] = {}
+    with ZipFile(BytesIO(data)) as archive:
+        members = archive.infolist()
+        if sum(member.file_size for member in members) > len(data):
+            raise ValueError("it says that it holds more than it does")
+        for member in members:
+            name = member.filename.removesuffix(".npy")
+            if member.compress_type != ZIP_STORED or name in arrays:
+                raise ValueError("it is compressed, or holds an array twice")
+            arrays[name] = _array(archive.read(member))
+    return arrays
+
+
+def _array(data: bytes) -> Array:
+    """An array out of the bytes that NumPy's `save` wrote for one of our types.
+
+    Raises:
+        ValueError: they are something else.
+    """
+    header = HEADER.match(data)
+    if header is None or header.end() != 10 + int.from_bytes(data[8:10], "little"):
+        raise ValueError("an array's header is not as NumPy writes it")
+    kind, fortran, sizes = (part.decode("ascii") for part in header.groups())
+    shape = tuple(int(size) for size in sizes.replace(",", " ").split())
+    dtype = np.dtype(kind)
+    if math.prod(shape) * dtype.itemsize != len(data) - header.end():
+        raise ValueError("an array's shape does not fit its length")
+    flat = np.frombuffer(data, dtype, offset=header.end())
+    return flat.reshape(shape, order="F" if fortran == "True" else "C")
+
+
+def _about(text: Array) -> dict[str, Any]:
+    """What the policy says of itself.
+
+    Raises:
+        ValueError: it is no JSON object in a text.
+    """
+    if text.dtype.kind != "U" or text.shape:
+        raise ValueError("what it says of itself is no text")
+    about = json.loads(text.tobytes().decode("utf-32-le"), parse_constant=_refused)
+    if not isinstance(about, dict):
+        raise ValueError("what it says of itself is no object")
+    return about
+
+
+def _refused(word: str) -> None:
+    raise ValueError(f"{word} is no number")
+
+
 def _check(about: dict[str, Any], arrays: dict[str, Array]) -> None:
-    """Raises ValueError or KeyError unless all is there that a decision needs."""
-    wanted = {"none": "levels", "held-action": "hold", "goal": "goals"}
-    if about["memory"] not in wanted or wanted[about["memory"]] not in about:
+    """Raises ValueError, TypeError or KeyError unless all is there that a decision needs."""
+    memory, planned = about["memory"], "planner" in about
+    if memory not in START:
         raise ValueError("the memory is none that is known")
-    for level, layers in about["levels"].items():
-        _check_network(arrays, level, layers)
-    if "planner" in about:
-        turns, trims, steps = (arrays[f"planner/{n}"] for n in ("turns", "trims", "trim_steps"))
-        if turns.ndim != 2 or not turns.shape[:1] == trims.shape == steps.shape:
-            raise ValueError("the planner's candidates do not fit")
+    for name, (low, high) in COMMON.items():
+        _number(about, name, low, high)
+    for name in ("controller", "settings_digest", "lanewise"):
+        if not isinstance(about[name], str):
+            raise ValueError(f"{name} is no text")
+    moves = _check_goals(about["goals"]) if memory == "goal" else ACTIONS
+    if memory == "held-action":
+        _number(about, "hold", 1, 1000, int)
+    choices = {"single_level": ACTIONS} if memory != "goal" else {"high_level": moves}
+    if memory == "goal" and not planned:
+        choices["low_level"] = ACTIONS
+    if about["levels"].keys() != choices.keys():
+        raise ValueError("its levels are not those of its kind")
+    known = set(_check_planner(about["planner"], arrays) if planned else ())
+    for level, count in choices.items():
+        known |= _check_network(arrays, level, _number(about["levels"], level, 1, 64, int), count)
+    if arrays.keys() != known:
+        raise ValueError("it holds arrays that do not belong there")
 
 
-def _check_network(arrays: dict[str, Array], level: str, layers: int) -> None:
-    """Raises ValueError or KeyError unless the level's layers fit one another and are finite."""
-    width = FEATURE_COUNT + 2 * (level == "low_level")
+def _check_goals(goals: dict[str, Any]) -> int:
+    """How many moves of a goal there are; raises ValueError if something is wrong with one."""
+    for name, (low, high) in GOALS.items():
+        _number(goals, name, low, high)
+    _number(goals, "lifetime", 1, 10_000_000, int)
+    if goals["reference"] not in ("previous-goal", "current-state"):
+        raise ValueError("reference is none that is known")
+    if goals["lowest_speed"] > goals["highest_speed"]:
+        raise ValueError("the lowest speed of goals exceeds the highest")
+    moves = goals["moves"]
+    if not isinstance(moves, list) or not 1 <= len(moves) <= MOST_ARRAYS:
+        raise ValueError("moves are no list")
+    if any(len(move) != 2 or not {*move} <= {-1, 0, 1} for move in moves):
+        raise ValueError("a move is none")
+    return len(moves)
+
+
+def _check_planner(planner: dict[str, Any], arrays: dict[str, Array]) -> list[str]:
+    """Names of the planner's arrays; raises ValueError if something is wrong with one."""
+    for name, (low, high) in PLANNER.items():
+        _number(planner, name, low, high)
+    _number(planner, "ticks", 1, 1000, int)
+    names = [f"planner/{name}" for name in ("turns", "trims", "trim_steps")]
+    turns, trims, steps = (arrays[name] for name in names)
+    if turns.ndim != 2 or not len(turns) or not turns.shape[:1] == trims.shape == steps.shape:
+        raise ValueError("the planner's candidates do not fit")
+    if (turns.dtype, trims.dtype, steps.dtype) != (np.float32, np.float32, np.int64):
+        raise ValueError("the planner's candidates are of another type")
+    if not turns.shape[1] or not (np.isin(turns, SIGNS).all() and np.isin(trims, SIGNS).all()):
+        raise ValueError("the planner's candidates are no signs")
+    if steps.min() < 0 or steps.max() >= turns.shape[1]:
+        raise ValueError("the planner's candidates are trimmed at no step")
+    return names
+
+
+def _check_network(arrays: dict[str, Array], level: str, layers: int, choices: int) -> set[str]:
+    """Names of a level's arrays; raises ValueError or KeyError unless they fit and are finite."""
+    width, names = FEATURE_COUNT + 2 * (level == "low_level"), set()
     for layer in range(layers):
-        weights, biases = (arrays[f"{level}/{layer}/{name}"] for name in ("weights", "biases"))
-        if weights.shape != (width, len(biases)) or biases.ndim != 1:
+        own = [f"{level}/{layer}/{name}" for name in ("weights", "biases")]
+        weights, biases = (arrays[name] for name in own)
+        if biases.ndim != 1 or weights.shape != (width, len(biases)):
             raise ValueError(f"{level}: layer {layer} does not fit")
+        if not weights.dtype == biases.dtype == np.float32:
+            raise ValueError(f"{level}: layer {layer} is of another type")
         if not np.isfinite(weights).all() or not np.isfinite(biases).all():
             raise ValueError(f"{level}: layer {layer} is not finite")
+        names.update(own)
         width = len(biases)
+    if width != choices:
+        raise ValueError(f"{level}: chooses among {width}, not {choices}")
+    return names
+
+
+def _number(table: dict[str, Any], name: str, low: float, high: float, kind: Any = None) -> Any:
+    """A number of a table; raises ValueError unless it is one between two bounds."""
+    value = table[name]
+    if type(value) not in ((kind,) if kind else (int, float)) or not low <= value <= high:
+        raise ValueError(f"{name} is no number from {low:g} to {high:g}")
+    return value

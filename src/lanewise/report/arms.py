@@ -17,7 +17,7 @@ from lanewise.evaluation.metrics import (
     Metric,
     Summary,
 )
-from lanewise.report.escape import cell
+from lanewise.report.escape import cell, line
 from lanewise.report.table import bounds, number, unit
 
 PAPER = ("accumulated_reward", "average_speed", "success_rate", "travel_distance", "accident_rate")
@@ -188,7 +188,7 @@ def text(arms: Sequence[ArmFigures], world: str) -> str:
         if arm.tests.get(world):
             means = [float(np.mean(arm.values(world, metric.name))) for metric in SHOWN]
             cells = [number(metric, mean) for metric, mean in zip(SHOWN, means, strict=True)]
-            rows.append([f"{arm.title} ({len(arm.tests[world])})", *cells])
+            rows.append([f"{line(arm.title)} ({len(arm.tests[world])})", *cells])
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = []
     for label, *figures in rows:

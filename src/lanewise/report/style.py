@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
+from lanewise.report.escape import line
 from lanewise.report.extras import needed_for
 from lanewise.report.files import check_suffix, replacing
 
@@ -171,7 +172,7 @@ def legend(figure: Figure, handles: Sequence[Artist], most: int = 3) -> None:
 
 def plain(title: str) -> str:
     """A title as it stands, on one line: nothing in it is read as mathematics."""
-    return " ".join(title.split()).replace("$", r"\$")
+    return line(title).replace("$", r"\$")
 
 
 def panels(figure: Figure, count: int) -> list[Axes]:

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import NumbersError, RunError
-from lanewise.runs import checkpoint, trained, tree
-from lanewise.runs import train as training
+from lanewise.runs import checkpoint, resume, trained, tree
 from lanewise.runs.diverged import BEFORE, FOLDER
 from lanewise.runs.folder import RunFolder
 from lanewise.training import findings, recipe, stage
@@ -67,17 +66,20 @@ def see(path: Path | str, parts: Parts = OURS) -> Moment:
     if not (place / f"{BEFORE}.json").exists():
         raise RunError(f"{folder.path} holds no training whose numbers went wrong")
 
+    def index_of(meta: dict[str, Any]) -> int:
+        return resume.stage_of(meta, len(recipe.RECIPES[folder.controller]))
+
     def template(meta: dict[str, Any]) -> checkpoint.Template:
-        return tree.shapes({"state": training.blank(folder, meta["stage"], parts)["state"]})
+        return tree.shapes({"state": resume.blank(folder, index_of(meta), parts)["state"]})
 
     kept = checkpoint.load(place, BEFORE, template, folder.digest)
-    index, chunk = kept.meta["stage"], kept.meta["ledger"]["chunks"] + 1
-    blank = {"state": training.blank(folder, index, parts)["state"]}
+    index, chunk = index_of(kept.meta), resume.ledger_of(kept.meta).chunks + 1
+    blank = {"state": resume.blank(folder, index, parts)["state"]}
     before: StageState = tree.unflatten(blank, kept.arrays)["state"]
     frozen: Parameters = {}
     for earlier in recipe.RECIPES[folder.controller][:index]:
         frozen = frozen | trained.load_stage(folder, earlier, parts)
-    plan = training.plan_of(folder, recipe.RECIPES[folder.controller][index], parts)
+    plan = resume.plan_of(folder, recipe.RECIPES[folder.controller][index], parts)
     once = jax.jit(partial(stage.iterate, plan.course, frozen, count=1))
     for iteration in range(1, CHUNK + 1):
         after, metrics = once(before)

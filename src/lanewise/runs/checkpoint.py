@@ -2,13 +2,15 @@
 
 Used for checkpoints and for trained controllers. Neither format can carry code. A file is loaded
 only when its length, SHA-256 digest, names, types and shapes are what the manifest and the
-caller's template say, and its floats are finite.
+caller's template say, and its floats are finite. The digests tell damage, not who wrote a file:
+whoever alters one can make them right again, so nothing is believed for having the right digest.
 """
 
 import hashlib
 import json
+import math
+import os
 import re
-import stat
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,13 +21,16 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as load_safetensors
 from safetensors.numpy import save as save_safetensors
 
-from lanewise.errors import CheckpointError
+from lanewise import reading
+from lanewise.errors import CheckpointError, brief
 from lanewise.runs.files import PARTIAL, write_atomically
 
 FORMAT = "lanewise-arrays"
 VERSION = 1
-_LARGEST_MANIFEST = 4_000_000
+_LARGEST_MANIFEST = 300_000
 _LARGEST_FILE = 16 * 1024**3
+_LARGEST_HEADER = 1_000_000
+"""What a safetensors file holds beside its arrays."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,120}")
 
 
@@ -130,19 +135,47 @@ def load(
         CheckpointError: A file is missing, a link, too large, truncated, altered, of other
             settings, or not what the template wants.
     """
-    _check_name(name)
-    manifest = _read_manifest(directory / f"{name}.json")
+    manifest = _manifest_of(directory, name, settings_digest)
     label = str(directory / f"{name}.safetensors")
-    if manifest["name"] != name:
-        raise CheckpointError(f"{label}: its manifest belongs to {manifest['name'][:80]}")
-    if settings_digest is not None and manifest["settings_digest"] != settings_digest:
-        raise CheckpointError(f"{label} was made with other settings")
-    wanted = template(manifest["meta"]) if callable(template) else template
+    wanted = _template_of(label, manifest["meta"], template)
     if wanted is not None:
         _check_template(label, manifest["arrays"], wanted)
+        _check_size(label, manifest["bytes"], wanted)
     arrays = _read_arrays(directory / f"{name}.safetensors", manifest)
-    _check_finite(label, arrays, wanted, nonfinite)
+    _check_values(label, arrays, wanted, nonfinite)
     return Checkpoint(name, arrays, manifest["meta"])
+
+
+def _template_of(
+    label: str,
+    meta: dict[str, Any],
+    template: Template | Callable[[dict[str, Any]], Template] | None,
+) -> Template | None:
+    if not callable(template):
+        return template
+    try:
+        return template(meta)
+    except CheckpointError as error:
+        raise CheckpointError(f"{label}: {error}") from error
+
+
+def read_meta(directory: Path, name: str, settings_digest: str | None = None) -> dict[str, Any]:
+    """What was to be remembered with the arrays stored under a name; reads none of them.
+
+    Raises:
+        CheckpointError: The manifest is missing, damaged, altered, or of other settings.
+    """
+    meta: dict[str, Any] = _manifest_of(directory, name, settings_digest)["meta"]
+    return meta
+
+
+def read_digest(directory: Path, name: str) -> str:
+    """SHA-256 of the file with the arrays, as its manifest has it.
+
+    Raises:
+        CheckpointError: As `read_meta`.
+    """
+    return str(_manifest_of(directory, name, None)["sha256"])
 
 
 def names(directory: Path) -> list[str]:
@@ -182,7 +215,7 @@ def newest_valid(
 
 def _check_name(name: str) -> None:
     if not _NAME.fullmatch(name):
-        raise CheckpointError(f"{name[:80]!r} is no name for a checkpoint")
+        raise CheckpointError(f'"{brief(name)}" is no name for a checkpoint')
 
 
 def prune(directory: Path, keep: int) -> None:
@@ -198,22 +231,28 @@ def prune(directory: Path, keep: int) -> None:
 
 def _read_file(path: Path, largest: int) -> bytes:
     try:
-        status = path.lstat()
-        if not stat.S_ISREG(status.st_mode):
-            raise CheckpointError(f"{path} is not a regular file")
-        if status.st_size > largest:
-            raise CheckpointError(f"{path} is larger than it may be ({largest} bytes)")
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise CheckpointError(f"{path} is missing") from None
-    except OSError as error:
-        raise CheckpointError(f"cannot read {path}: {error.strerror}") from error
+        return reading.contents(path, largest, links=False)
+    except reading.UnreadableError as error:
+        if not os.path.lexists(path):
+            raise CheckpointError(f"{path} is missing") from None
+        raise CheckpointError(f"cannot read {path}: {error}") from error
+
+
+def _manifest_of(directory: Path, name: str, settings_digest: str | None) -> dict[str, Any]:
+    _check_name(name)
+    manifest = _read_manifest(directory / f"{name}.json")
+    label = str(directory / f"{name}.safetensors")
+    if manifest["name"] != name:
+        raise CheckpointError(f"{label}: its manifest belongs to {brief(manifest['name'])}")
+    if settings_digest is not None and manifest["settings_digest"] != settings_digest:
+        raise CheckpointError(f"{label} was made with other settings")
+    return manifest
 
 
 def _read_manifest(path: Path) -> dict[str, Any]:
     try:
-        manifest = json.loads(_read_file(path, _LARGEST_MANIFEST))
-    except (ValueError, RecursionError) as error:
+        manifest = reading.json_value(_read_file(path, _LARGEST_MANIFEST))
+    except ValueError as error:
         raise CheckpointError(f"{path} is damaged: not valid JSON") from error
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
         raise CheckpointError(f"{path} is not a manifest of lanewise")
@@ -229,28 +268,36 @@ def _read_manifest(path: Path) -> dict[str, Any]:
 
 
 def _digest_of(manifest: Mapping[str, Any]) -> str:
-    """SHA-256 over everything in a manifest but this digest itself."""
-    rest = {name: value for name, value in manifest.items() if name != "manifest_sha256"}
-    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
+    return reading.digest(manifest, "manifest_sha256")
 
 
 def _check_template(label: str, declared: Mapping[str, Any], wanted: Template) -> None:
     """Compares what the manifest declares with what the caller needs, before reading any data."""
     for name in (*wanted, *declared):
         if name not in declared:
-            raise CheckpointError(f"{label} lacks {name[:80]}")
+            raise CheckpointError(f"{label} lacks {brief(name)}")
         if name not in wanted:
-            raise CheckpointError(f"{label} holds {name[:80]}, which does not belong there")
+            raise CheckpointError(f"{label} holds {brief(name)}, which does not belong there")
         array = wanted[name]
         want = [np.dtype(array.dtype).name, *array.shape]
         if declared[name] != want:
-            raise CheckpointError(f"{label}: {name} is {str(declared[name])[:80]}, expected {want}")
+            raise CheckpointError(
+                f"{label}: {name} is {brief(str(declared[name]))}, expected {want}"
+            )
+
+
+def _check_size(label: str, declared: int, wanted: Template) -> None:
+    """Refuses a length that these arrays cannot have, before anything of it is read."""
+    size = sum(math.prod(a.shape) * np.dtype(a.dtype).itemsize for a in wanted.values())
+    if not size <= declared <= size + _LARGEST_HEADER:
+        raise CheckpointError(f"{label}: {declared} bytes cannot be arrays of {size}")
 
 
 def _read_arrays(path: Path, manifest: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    data = _read_file(path, _LARGEST_FILE)
-    if len(data) != manifest["bytes"]:
-        expected = manifest["bytes"]
+    expected = manifest["bytes"]
+    # No more is read than there should be, whatever the file says of its length.
+    data = _read_file(path, min(expected, _LARGEST_FILE))
+    if len(data) != expected:
         raise CheckpointError(f"{path} is truncated or altered: {len(data)} of {expected} bytes")
     if hashlib.sha256(data).hexdigest() != manifest["sha256"]:
         raise CheckpointError(f"{path} was altered: its digest is not the manifest's")
@@ -258,26 +305,29 @@ def _read_arrays(path: Path, manifest: Mapping[str, Any]) -> dict[str, np.ndarra
         arrays: dict[str, np.ndarray] = load_safetensors(data)
     except (SafetensorError, ValueError, KeyError) as error:
         raise CheckpointError(f"{path} is not a safetensors file") from error
-    found = {name: [array.dtype.name, *array.shape] for name, array in arrays.items()}
-    if found != manifest["arrays"]:
+    listed = {name: [array.dtype.name, *array.shape] for name, array in arrays.items()}
+    if listed != manifest["arrays"]:
         raise CheckpointError(f"{path} does not hold the arrays its manifest lists")
     return arrays
 
 
-def _check_finite(
+def _check_values(
     label: str,
     arrays: Mapping[str, np.ndarray],
     wanted: Template | None,
     nonfinite: Collection[str],
 ) -> None:
+    """Refuses values that an array of its type should not have."""
     for name, array in arrays.items():
+        if array.dtype == np.bool_ and array.size and array.view(np.uint8).max() > 1:
+            raise CheckpointError(f"{label}: {brief(name)} holds truth values that are neither")
         if name in nonfinite or _is_finite(array):
             continue
         model = None if wanted is None else wanted[name]
         # A template of mere shapes says nothing about values; one of arrays does.
         if hasattr(model, "__array__") and not _is_finite(np.asarray(model)):
             continue
-        raise CheckpointError(f"{label}: {name} holds numbers that are not finite")
+        raise CheckpointError(f"{label}: {brief(name)} holds numbers that are not finite")
 
 
 def _is_finite(array: np.ndarray) -> bool:

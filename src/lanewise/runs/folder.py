@@ -26,8 +26,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
 
-from lanewise import config, cores, crosschecks
-from lanewise.errors import RunError, SettingsError
+from lanewise import config, cores, crosschecks, reading
+from lanewise.errors import RunError, SettingsError, brief
 from lanewise.ranges import show
 from lanewise.runs.files import PARTIAL, write_atomically
 from lanewise.settings import Settings
@@ -39,8 +39,20 @@ CONTROLLERS = ("hierarchical", "single-level", "planned", "h-dqn")
 """What can be trained."""
 WITH_STEP_1 = ("hierarchical", "planned")
 """Controllers whose training begins with step 1, and can take it over from another run."""
+LARGEST_SEED = 2**31 - 1
 _OURS = {"lock", "settings.toml"}
 _LARGEST_MANIFEST = 100_000
+_LARGEST_SETTINGS = 100_000
+_FILES = (
+    *("run.json", "settings.toml", "lock", "metrics.jsonl", "timings.jsonl"),
+    *("episodes.csv", "chunks.csv"),
+)
+_FOLDERS = ("checkpoints", "stages", "tensorboard")
+_FIELDS = {
+    *("format", "version", "controller", "seed", "settings_digest", "lanewise", "parts"),
+    *("created", "digest"),
+}
+"""Of run.json. Folders made before it had a digest of its own lack that."""
 
 
 @dataclass
@@ -74,11 +86,14 @@ class RunFolder:
         """Makes a run in a new or empty folder and locks it.
 
         Raises:
-            RunError: The folder holds something already, or another process is making a run in it.
+            RunError: The folder holds something already, or another process is making a run in it,
+                or the seed is none.
             SettingsError: The machine has not the memory for what they ask.
         """
         crosschecks.check_memory(settings, controller, cores.memory())
         require_empty(path)
+        if type(seed) is not int or not 0 <= seed <= LARGEST_SEED:
+            raise RunError(f"seed must be a whole number from 0 to {LARGEST_SEED}")
         path.mkdir(parents=True, exist_ok=True)
         lock = _acquire(path)
         folder = cls(path, settings, controller, seed, config.digest(settings), parts, lock)
@@ -96,8 +111,9 @@ class RunFolder:
         """Reads a run, without locking it.
 
         Raises:
-            RunError: There is no run, or its files are damaged.
+            RunError: There is no run, or its files are damaged, or something in it leads elsewhere.
         """
+        _check_names(path)
         manifest = _read_manifest(path)
         settings = _read_settings(path, manifest)
         digest = manifest["settings_digest"]
@@ -180,6 +196,7 @@ class RunFolder:
             **({"parts": list(self.parts)} if self.parts else {}),
             "created": datetime.now(UTC).isoformat(timespec="seconds"),
         }
+        manifest["digest"] = reading.digest(manifest)
         contents = {
             "settings.toml": config.dump_toml(self.settings).encode(),
             "run.json": (json.dumps(manifest, indent=2) + "\n").encode(),
@@ -213,7 +230,9 @@ def require_empty(path: Path) -> None:
 
 
 def _acquire(path: Path) -> IO[bytes]:
-    lock = (path / "lock").open("ab")
+    # Neither a link nor a pipe of this name may be followed or waited for.
+    flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK
+    lock = os.fdopen(os.open(path / "lock", flags, 0o644), "ab")
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -222,35 +241,61 @@ def _acquire(path: Path) -> IO[bytes]:
     return lock
 
 
+def _check_names(path: Path) -> None:
+    """Refuses a run whose files are links and such: whoever continues it writes to them.
+
+    Raises:
+        RunError: Names the first.
+    """
+    for name in (*_FILES, *_FOLDERS):
+        try:
+            reading.require_plain(path / name, folder=name in _FOLDERS)
+        except reading.UnreadableError as error:
+            raise RunError(f"{path / name}: {error}") from error
+
+
 def _read_manifest(path: Path) -> dict[str, Any]:
     file = path / "run.json"
     if not file.is_file():
         raise RunError(f"no run in {path}: looked for {file}")
-    if file.stat().st_size > _LARGEST_MANIFEST:
-        raise RunError(f"{file} is damaged: too large")
     try:
-        manifest = json.loads(file.read_bytes())
-    except (ValueError, RecursionError) as error:
+        manifest = reading.json_value(reading.contents(file, _LARGEST_MANIFEST, links=False))
+    except reading.UnreadableError as error:
+        raise RunError(f"{file} is damaged: {error}") from error
+    except ValueError as error:
         raise RunError(f"{file} is damaged: not valid JSON") from error
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
         raise RunError(f"{file} does not describe a run")
     if manifest.get("version") != VERSION:
         version = show(manifest.get("version"))
         raise RunError(f"{file} has format version {version}; this lanewise reads {VERSION}")
-    if manifest.get("controller") not in CONTROLLERS or type(manifest.get("seed")) is not int:
+    _check_identity(file, manifest)
+    return manifest
+
+
+def _check_identity(file: Path, manifest: dict[str, Any]) -> None:
+    seed, parts = manifest.get("seed"), manifest.get("parts", [])
+    if manifest.get("controller") not in CONTROLLERS or type(seed) is not int:
         raise RunError(f"{file} is damaged: no controller or seed")
-    parts = manifest.get("parts", [])
+    if not 0 <= seed <= LARGEST_SEED:
+        raise RunError(f"{file} is damaged: seed must be from 0 to {LARGEST_SEED}")
     if not isinstance(parts, list) or not all(isinstance(part, str) for part in parts):
         raise RunError(f"{file} is damaged: parts are no names")
-    return manifest
+    if unknown := manifest.keys() - _FIELDS:
+        raise RunError(f'{file} is damaged: it has no field "{brief(min(unknown))}"')
+    if "digest" in manifest and manifest["digest"] != reading.digest(manifest):
+        raise RunError(f"{file} was altered: its digest is not its own")
 
 
 def _read_settings(path: Path, manifest: dict[str, Any]) -> Settings:
     file = path / "settings.toml"
     try:
-        settings = config.compose(file=file)
+        data = reading.contents(file, _LARGEST_SETTINGS, links=False)
+        settings = config.compose_from(data, file)
+    except reading.UnreadableError as error:
+        raise RunError(f"cannot read settings file {file}: {error}") from error
     except SettingsError as error:
         raise RunError(str(error)) from error
-    if hashlib.sha256(file.read_bytes()).hexdigest() != manifest.get("settings_digest"):
+    if hashlib.sha256(data).hexdigest() != manifest.get("settings_digest"):
         raise RunError(f"{file} was altered after the run was made")
     return settings

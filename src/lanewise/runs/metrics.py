@@ -3,17 +3,23 @@
 No wall-clock time belongs here: a resumed run must write the same bytes as one never stopped.
 """
 
+import hashlib
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
-from lanewise.errors import RunError
+from lanewise import reading
+from lanewise.errors import RunError, brief
+
+_LONGEST_LINE = 20_000
+"""Bytes; ours have a few hundred."""
+_BLOCK = 65_536
 
 
 class MetricsWriter:
@@ -28,28 +34,38 @@ class MetricsWriter:
                 fresh file, None to keep every whole line that is there (timings).
 
         Raises:
-            RunError: The file is shorter than that.
+            RunError: The file is shorter than that, or no regular file.
         """
-        self._file = path.open("ab")
+        self._file = _appending(path)
         size = self._file.tell()
         if resume_at is None:
-            resume_at = len(_whole_lines(path))
+            resume_at = _end_of_lines(path, size)
         if size < resume_at:
             self._file.close()
             raise RunError(f"{path} is truncated: {size} bytes, the checkpoint expects {resume_at}")
         self._file.truncate(resume_at)
         self._file.seek(0, os.SEEK_END)
+        self._digest = hashlib.sha256()
+        with path.open("rb") as before:
+            while block := before.read(_BLOCK):
+                self._digest.update(block)
 
     def append(self, record: Mapping[str, Any]) -> None:
         """Writes one record; numbers that are not finite become null."""
         line = json.dumps({name: _plain(value) for name, value in record.items()}, allow_nan=False)
-        self._file.write(line.encode() + b"\n")
+        data = line.encode() + b"\n"
+        self._file.write(data)
+        self._digest.update(data)
 
     def sync(self) -> int:
         """Forces everything to disk and returns the length in bytes."""
         self._file.flush()
         os.fsync(self._file.fileno())
         return self._file.tell()
+
+    def sha256(self) -> str:
+        """Digest of everything written so far, by which an altered file is told later."""
+        return self._digest.hexdigest()
 
     def close(self) -> None:
         """Closes the file."""
@@ -67,12 +83,80 @@ class MetricsWriter:
         self.close()
 
 
-def read(path: Path) -> list[dict[str, Any]]:
-    """The records of a metrics file; a last line cut short by a kill is left out."""
+def read(path: Path, end: int | None = None, sha256: str | None = None) -> list[dict[str, Any]]:
+    """The records of a metrics file; a last line cut short by a kill is left out.
+
+    Args:
+        path: The file.
+        end: Read no further than so many bytes; None reads all.
+        sha256: Of these bytes, where it was remembered.
+
+    Raises:
+        RunError: The file cannot be read, was altered, or a line is no object of plain values.
+    """
+    digest, found = hashlib.sha256(), []
+    # Line by line: a file that says that it is huge costs no more than its first wrong line.
+    for number, line in enumerate(_lines(path, end), 1):
+        digest.update(line)
+        try:
+            found.append(_record(line))
+        except ValueError as error:
+            reason = f"line {number} is not valid JSON of plain values ({error})"
+            raise RunError(f"{path} is damaged: {reason}") from error
+    if sha256 is not None and digest.hexdigest() != sha256:
+        raise RunError(f"{path} was altered after it was written")
+    return found
+
+
+def _record(line: bytes) -> dict[str, Any]:
+    record = reading.json_value(line)
+    if not isinstance(record, dict):
+        raise ValueError("it is no object")
+    for name, value in record.items():
+        if not (value is None or isinstance(value, str | int | float)):
+            raise ValueError(f"{brief(name)} is no plain value")
+    return record
+
+
+def _lines(path: Path, end: int | None) -> Iterator[bytes]:
+    """The whole lines up to a place, or all; what follows the last of all is left out."""
     try:
-        return [json.loads(line) for line in _whole_lines(path).splitlines()]
-    except ValueError as error:
-        raise RunError(f"{path} is damaged: a line is not valid JSON") from error
+        reading.require_plain(path)
+        with path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            stop = size if end is None else end
+            if size < stop:
+                raise reading.UnreadableError(f"truncated: {size} of {stop} bytes")
+            while (line := file.readline(min(_LONGEST_LINE, stop - file.tell()))).endswith(b"\n"):
+                yield line
+            if len(line) == _LONGEST_LINE:
+                raise reading.UnreadableError("a line is longer than any record")
+            if line and end is not None:
+                raise reading.UnreadableError(f"no line ends at byte {end}")
+    except OSError as error:
+        raise RunError(f"cannot read {path}: {error.strerror}") from error
+    except reading.UnreadableError as error:
+        raise RunError(f"{path} is damaged: {error}") from error
+
+
+def _appending(path: Path) -> IO[bytes]:
+    """The file, to be written to; neither a link nor a pipe of its name."""
+    flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK
+    try:
+        reading.require_plain(path)
+        return os.fdopen(os.open(path, flags, 0o644), "ab")
+    except reading.UnreadableError as error:
+        raise RunError(f"cannot write {path}: {error}") from error
+
+
+def _end_of_lines(path: Path, size: int) -> int:
+    """Where the last whole line ends, looked for from the end of the file."""
+    with path.open("rb") as file:
+        file.seek(max(0, size - _BLOCK))
+        tail = file.read(_BLOCK)
+    if b"\n" not in tail and size > _BLOCK:
+        raise RunError(f"{path} is damaged: a line is longer than any record")
+    return size - len(tail) + tail.rfind(b"\n") + 1
 
 
 def settled_episode(chunks: Sequence[Mapping[str, Any]]) -> float | None:
@@ -96,12 +180,6 @@ def settled_at(epsilon: Sequence[float | None]) -> int | None:
         return None
     first = int(np.flatnonzero(values <= known[-1] + 1e-6)[0])
     return first if first < len(values) - 1 else None
-
-
-def _whole_lines(path: Path) -> bytes:
-    """What is there, without a last line that a kill or a full disk has cut short."""
-    content = path.read_bytes()
-    return content[: content.rfind(b"\n") + 1]
 
 
 def _plain(value: Any) -> Any:

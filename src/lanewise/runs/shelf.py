@@ -7,7 +7,7 @@
 from pathlib import Path
 
 from lanewise.controllers.settings import REFERENCES
-from lanewise.errors import RunError
+from lanewise.errors import RunError, brief
 from lanewise.names import nearest
 from lanewise.runs.folder import RunFolder
 
@@ -56,4 +56,4 @@ def _known(path: Path, names: tuple[str, ...]) -> str:
     if name in names:
         return name
     hint = nearest(name, names) or f"known: {', '.join(names) or 'none'}"
-    raise RunError(f'there is no {group} controller "{name[:80]}"; {hint}')
+    raise RunError(f'there is no {group} controller "{brief(name)}"; {hint}')

@@ -17,14 +17,15 @@ from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import NumbersError, RunError
 from lanewise.progress import Progress
-from lanewise.runs import checkpoint, diverged, trained, tree
+from lanewise.runs import checkpoint, diverged, resume, trained, tree
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.metrics import MetricsWriter
+from lanewise.runs.resume import plan_of
+from lanewise.runs.trained import Mark
 from lanewise.runs.views import Views
 from lanewise.training import host as stages
 from lanewise.training import recipe
-from lanewise.training import stage as stage_loop
-from lanewise.training.host import Ledger, StagePlan, StageProgress
+from lanewise.training.host import StagePlan, StageProgress
 
 INTERVAL = 10.0
 """Seconds of training between checkpoints, at least; a kill loses no more than about this."""
@@ -99,37 +100,27 @@ def train(
         raise RunError(f"{folder.path} is finished; lanewise evaluate {folder.path} tests it")
     if high_level is not None:
         trained.take_over_high_level(folder, high_level, parts)
-    done = trained.finished_stages(folder)
-    found, warning = _newest(folder, len(done), parts)
-    if warning:
-        reporter.note(warning)
+    left = resume.read(folder, parts)
+    if left.warning:
+        reporter.note(left.warning)
     with (
-        MetricsWriter(folder.metrics, _metrics_bytes(folder, done, found)) as metrics,
+        MetricsWriter(folder.metrics, left.mark.bytes) as metrics,
         MetricsWriter(folder.timings, None) as timings,
         Views(folder.path, tensorboard=tensorboard) as views,
     ):
         files = _Files(folder, metrics, timings, views)
         frozen: Parameters = {}
+        found = left.checkpoint
         for index, stage in enumerate(recipe.RECIPES[folder.controller]):
-            if index >= len(done):
-                _run_stage(files, index, stage, frozen, found, reporter, parts)
-                found = None
+            if stage.name in left.handed:
+                frozen = frozen | left.handed[stage.name]
+                continue
+            _run_stage(files, index, stage, frozen, found, reporter, parts)
+            found = None
             frozen = frozen | trained.load_stage(folder, stage, parts)
     trained.save_controller(folder, frozen)
     # Only now, when nothing is left to resume.
     checkpoint.prune(folder.checkpoints, keep=0)
-
-
-def plan_of(folder: RunFolder, stage: recipe.Stage, parts: Parts = OURS) -> StagePlan:
-    """The stage ready to run, with the run's settings."""
-    settings = folder.settings
-    return StagePlan(
-        name=stage.name,
-        course=recipe.course(settings, stage, parts),
-        validation=recipe.validation_course(settings, stage, parts),
-        validation_episodes=settings.evaluation.validation_episodes,
-        validation_interval=settings.evaluation.validation_interval,
-    )
 
 
 def _run_stage(
@@ -152,7 +143,7 @@ def _run_stage(
             try:
                 progress, report = stages.advance(plan, frozen, progress)
             except NumbersError as error:
-                newest, _ = _newest(files.folder, index, parts)
+                newest, _ = resume.newest(files.folder, index, parts)
                 stored = _from(files.folder, index, plan, frozen, newest)
                 raise diverged.keep(
                     files.folder, index, plan, frozen, stored, progress.ledger, error
@@ -165,7 +156,7 @@ def _run_stage(
             if interrupts.asked:
                 raise KeyboardInterrupt
     parameters = stages.result(progress, plan.course.budget.keep)
-    meta = {"ledger": asdict(progress.ledger), "metrics_bytes": files.metrics.sync()}
+    meta = {"ledger": asdict(progress.ledger), **Mark.after(files.metrics)}
     trained.save_stage(files.folder, stage, parameters, meta)
 
 
@@ -178,7 +169,7 @@ def _from(
 ) -> StageProgress:
     """The stage as a checkpoint holds it, or at its beginning."""
     progress = stages.begin(plan, frozen, _stage_key(folder, index))
-    return progress if found is None else _restored(progress, found)
+    return progress if found is None else resume.restored(progress, found)
 
 
 def _stage_key(folder: RunFolder, index: int) -> jax.Array:
@@ -210,66 +201,18 @@ def _figures(line: dict[str, Any]) -> dict[str, float]:
 
 def _save(files: _Files, index: int, progress: StageProgress) -> None:
     """A checkpoint: everything the stage needs to continue to the same bits."""
-    metrics_bytes = files.metrics.sync()
+    mark = Mark.after(files.metrics)
     files.timings.sync()
     checkpoint.save(
         files.folder.checkpoints,
         checkpoint.checkpoint_name(index, progress.ledger.chunks),
         tree.flatten({"state": progress.state, "best": progress.best}),
-        {"stage": index, "metrics_bytes": metrics_bytes, "ledger": asdict(progress.ledger)},
+        {
+            "stage": index,
+            "seed": files.folder.seed,
+            "ledger": asdict(progress.ledger),
+            **mark,
+        },
         files.folder.digest,
         keep=KEPT,
     )
-
-
-def _newest(
-    folder: RunFolder, index: int, parts: Parts
-) -> tuple[checkpoint.Checkpoint | None, str]:
-    """The newest whole checkpoint of the stage under way, if it has one yet.
-
-    Its arrays are checked against the shapes they must have before any is read.
-    """
-    names = checkpoint.names(folder.checkpoints)
-    if not any(name.startswith(checkpoint.stage_prefix(index)) for name in names):
-        return None, ""
-
-    def template(meta: dict[str, Any]) -> checkpoint.Template:
-        return tree.shapes(blank(folder, meta["stage"], parts))
-
-    found, warning = checkpoint.newest_valid(folder.checkpoints, template, folder.digest)
-    if found is not None and found.meta["stage"] != index:
-        return None, warning.replace(f"continuing from {found.name}", "starting the stage anew")
-    return found, warning
-
-
-def _metrics_bytes(
-    folder: RunFolder, done: list[recipe.Stage], found: checkpoint.Checkpoint | None
-) -> int:
-    """How much of the metrics file belongs to what is safely stored."""
-    if found is not None:
-        return int(found.meta["metrics_bytes"])
-    return trained.metrics_bytes(folder, done[-1]) if done else 0
-
-
-def blank(folder: RunFolder, index: int, parts: Parts = OURS) -> dict[str, Any]:
-    """Shapes of a stage's checkpoint."""
-    recipe_stages = recipe.RECIPES[folder.controller]
-    plan = plan_of(folder, recipe_stages[index], parts)
-    frozen: Parameters = {}
-    for earlier in recipe_stages[:index]:
-        frozen = frozen | trained.blank_networks(folder, earlier, parts)
-    state = jax.eval_shape(
-        lambda levels: stage_loop.begin(plan.course, levels, jax.random.key(0)), frozen
-    )
-    return {"state": state, "best": stage_loop.online(state.learners)}
-
-
-def _restored(progress: StageProgress, found: checkpoint.Checkpoint) -> StageProgress:
-    """The progress stored in a checkpoint; ``progress`` lends its structure."""
-    blank: dict[str, Any] = {"state": progress.state, "best": progress.best}
-    stored = tree.unflatten(blank, found.arrays)
-    ledger: dict[str, Any] = {
-        name: tuple(value) if isinstance(value, list) else value
-        for name, value in found.meta["ledger"].items()
-    }
-    return StageProgress(stored["state"], stored["best"], Ledger(**ledger))

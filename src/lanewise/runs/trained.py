@@ -1,6 +1,6 @@
 """Trained controllers on disk: what a stage hands on, and the finished controller of a run."""
 
-import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,10 +10,11 @@ import jax
 from lanewise import crosschecks
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
-from lanewise.errors import RunError, SettingsError
+from lanewise.errors import CheckpointError, RunError, SettingsError
 from lanewise.learning import network
-from lanewise.runs import checkpoint, shelf, tree
+from lanewise.runs import checkpoint, records, shelf, tree
 from lanewise.runs.folder import RunFolder
+from lanewise.runs.metrics import MetricsWriter
 from lanewise.settings import Settings
 from lanewise.training import recipe
 from lanewise.training.recipe import Stage
@@ -21,6 +22,38 @@ from lanewise.version import __version__
 
 CONTROLLER = "controller"
 """File name of a finished run's controller."""
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A place in the metrics file, up to which its bytes are known."""
+
+    bytes: int = 0
+    """Length."""
+    sha256: str | None = None
+    """Digest of what lies before it; None in runs made before it was remembered."""
+
+    @classmethod
+    def of(cls, meta: dict[str, Any], file: Path) -> "Mark":
+        """Read it from what a manifest remembers.
+
+        Raises:
+            CheckpointError: it is none.
+        """
+        length, digest = meta.get("metrics_bytes"), meta.get("metrics_sha256")
+        if type(length) is not int or length < 0:
+            raise CheckpointError(f"{file} is damaged: metrics_bytes is no length")
+        if not (digest is None or isinstance(digest, str)):
+            raise CheckpointError(f"{file} is damaged: metrics_sha256 is no digest")
+        # Runs from before remember neither of the two.
+        if length and ("seed" in meta) != (digest is not None):
+            raise CheckpointError(f"{file} is damaged: it lacks metrics_sha256 or seed")
+        return cls(length, digest)
+
+    @classmethod
+    def after(cls, metrics: MetricsWriter) -> dict[str, Any]:
+        """What to remember of a file now, once it is safely on disk."""
+        return {"metrics_bytes": metrics.sync(), "metrics_sha256": metrics.sha256()}
 
 
 @dataclass(frozen=True)
@@ -41,7 +74,8 @@ class Trained:
 
 def is_finished(folder: RunFolder) -> bool:
     """Whether the run has its controller."""
-    return (folder.path / f"{CONTROLLER}.json").exists()
+    # A link that leads nowhere is there too, and is refused when it is read.
+    return os.path.lexists(folder.path / f"{CONTROLLER}.json")
 
 
 def load(path: Path, parts: Parts = OURS) -> Trained:
@@ -68,14 +102,16 @@ def load(path: Path, parts: Parts = OURS) -> Trained:
     for stage in _stages(folder):
         blank = blank | blank_networks(folder, stage, parts)
     stored = checkpoint.load(folder.path, CONTROLLER, tree.shapes(blank), folder.digest)
+    check_seed(folder, stored.meta, folder.path / CONTROLLER)
+    if stored.meta.get("controller") != folder.controller:
+        raise CheckpointError(f"{folder.path / CONTROLLER} is not {folder.controller}")
     parameters: Parameters = tree.unflatten(blank, stored.arrays)
     return Trained(folder.controller, folder.settings, folder.seed, parameters, parts)
 
 
 def fingerprint(folder: RunFolder) -> str:
     """Digest of a finished run's weights: it stands for all of the training behind them."""
-    manifest = json.loads((folder.path / f"{CONTROLLER}.json").read_text("utf-8"))
-    return str(manifest["sha256"])
+    return checkpoint.read_digest(folder.path, CONTROLLER)
 
 
 def save_controller(folder: RunFolder, parameters: Parameters) -> None:
@@ -86,7 +122,7 @@ def save_controller(folder: RunFolder, parameters: Parameters) -> None:
 
 def has_stage(folder: RunFolder, name: str) -> bool:
     """Whether a stage is complete."""
-    return (folder.stages / f"{name}.json").exists()
+    return os.path.lexists(folder.stages / f"{name}.json")
 
 
 def finished_stages(folder: RunFolder) -> list[Stage]:
@@ -94,25 +130,59 @@ def finished_stages(folder: RunFolder) -> list[Stage]:
     return [stage for stage in _stages(folder) if has_stage(folder, stage.name)]
 
 
-def metrics_bytes(folder: RunFolder, stage: Stage) -> int:
-    """Length of the metrics file when a complete stage ended."""
-    stored = checkpoint.load(folder.stages, stage.name, None, folder.digest)
-    return int(stored.meta["metrics_bytes"])
+def metrics_of(folder: RunFolder, stage: Stage) -> Mark:
+    """How far the metrics file had come when a complete stage ended.
+
+    Raises:
+        CheckpointError: what the stage left is damaged.
+    """
+    meta = checkpoint.read_meta(folder.stages, stage.name, folder.digest)
+    return Mark.of(meta, folder.stages / f"{stage.name}.json")
+
+
+def lines(folder: RunFolder) -> list[dict[str, Any]]:
+    """The metrics of a run, in full; as far as they belong to its finished stages, as written.
+
+    Raises:
+        RunError: the file is damaged or was altered.
+    """
+    done = finished_stages(folder)
+    mark = metrics_of(folder, done[-1]) if done else Mark()
+    if mark.sha256 is None:
+        return records.read(folder.metrics)
+    found = records.read(folder.metrics, mark.bytes, mark.sha256)
+    if folder.metrics.stat().st_size == mark.bytes:
+        return found
+    if len(done) == len(_stages(folder)):
+        raise RunError(f"{folder.metrics} was altered: it goes on after the end of the run")
+    return records.read(folder.metrics)
 
 
 def save_stage(
     folder: RunFolder, stage: Stage, parameters: Parameters, meta: dict[str, Any]
 ) -> None:
     """Store what a stage hands on: the parameters of the levels that learnt in it."""
-    checkpoint.save(folder.stages, stage.name, tree.flatten(parameters), meta, folder.digest)
+    told = meta | {"seed": folder.seed}
+    checkpoint.save(folder.stages, stage.name, tree.flatten(parameters), told, folder.digest)
 
 
 def load_stage(folder: RunFolder, stage: Stage, parts: Parts = OURS) -> Parameters:
     """What a stage handed on."""
     blank = blank_networks(folder, stage, parts)
     stored = checkpoint.load(folder.stages, stage.name, tree.shapes(blank), folder.digest)
+    check_seed(folder, stored.meta, folder.stages / stage.name)
     parameters: Parameters = tree.unflatten(blank, stored.arrays)
     return parameters
+
+
+def check_seed(folder: RunFolder, meta: dict[str, Any], file: Path) -> None:
+    """Refuses what belongs to a run with another seed; files from before say nothing of theirs.
+
+    Raises:
+        CheckpointError: names the file.
+    """
+    if meta.get("seed", folder.seed) != folder.seed:
+        raise CheckpointError(f"{file} is of another run: its seed is not {folder.seed}")
 
 
 def take_over_high_level(folder: RunFolder, source: Path, parts: Parts = OURS) -> None:

@@ -14,22 +14,10 @@ from typing import IO, Any, Protocol, Self
 
 from lanewise.errors import LanewiseError
 from lanewise.runs import metrics
+from lanewise.runs.records import COLUMNS
 
-LEVEL = ("updates", "transitions", "epsilon", "loss", "mean_q")
-COLUMNS = {
-    "episode": (
-        *("stage", "episode", "decision", "success", "accident"),
-        *("decisions", "reward", "timestep_reward", "speed"),
-    ),
-    "chunk": (
-        *("stage", "chunk", "decisions", "episodes", *LEVEL),
-        *("success_rate", "accident_rate", "reward", "timestep_reward", "speed"),
-        *("validation_success_rate", "validation_accident_rate", "validation_reward"),
-        *("best_chunk", *(f"high_level_{name}" for name in LEVEL)),
-    ),
-}
-"""Of the tables, by kind of record; empty where a record lacks one."""
 FILES = {"episode": "episodes.csv", "chunk": "chunks.csv"}
+"""Tables by kind of record; a field that a record lacks is empty."""
 TENSORBOARD = "tensorboard"
 """Folder of TensorBoard's events, in the run's."""
 COUNTS = ("kind", "stage", "chunk")

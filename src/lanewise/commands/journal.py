@@ -1,0 +1,118 @@
+"""What a sweep has done so far, in memory and on disk: a line a result, only ever appended.
+
+Each line carries a digest of itself and of all lines before it, so that none can be altered, left
+out or moved without being noticed.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import IO, Any
+
+from lanewise import reading
+from lanewise.errors import RunError
+from lanewise.evaluation.grid import Outcome, Reach
+from lanewise.runs.files import write_atomically
+
+_LARGEST = 1_000_000_000
+_KINDS: dict[str, type] = {"Reach": Reach, "Outcome": Outcome}
+
+
+@dataclass
+class Journal:
+    """What is done so far."""
+
+    reached: list[Reach]
+    outcomes: list[Outcome]
+    file: IO[str]
+    digest: str
+    """Of all lines so far; the first stands for what the sweep is."""
+
+    def add(self, found: list[Reach] | list[Outcome]) -> None:
+        """Keep some results; a kill loses only what came after."""
+        for result in found:
+            kept: list[Any] = self.reached if isinstance(result, Reach) else self.outcomes
+            kept.append(result)
+            line = {"kind": type(result).__name__, **asdict(result)}
+            self.digest = _digest(self.digest, line)
+            self.file.write(json.dumps(line | {"digest": self.digest}) + "\n")
+        self.file.flush()
+
+
+def open_(path: Path, identity: dict[str, Any]) -> Journal:
+    """The journal of a sweep, continued or begun.
+
+    Args:
+        path: of its file.
+        identity: what must be the same for it to be continued; its first line.
+
+    Raises:
+        RunError: the folder holds something else, or a sweep of something else, or the journal is
+            damaged.
+    """
+    out = path.parent
+    if not path.exists() and not path.is_symlink():
+        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+            raise RunError(f"{out} is not an empty folder and holds no sweep; choose another")
+        out.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(identity) + "\n", encoding="utf-8")
+    kept, results, digest = read(path, identity)
+    # What a kill has cut short is left out, here and on disk.
+    write_atomically(out, {path.name: kept})
+    return Journal(
+        reached=[result for result in results if isinstance(result, Reach)],
+        outcomes=[result for result in results if isinstance(result, Outcome)],
+        file=path.open("a", encoding="utf-8"),
+        digest=digest,
+    )
+
+
+def read(path: Path, identity: dict[str, Any]) -> tuple[bytes, list[Reach | Outcome], str]:
+    """(the whole lines of a journal, their results, the last one's digest); changes nothing.
+
+    Raises:
+        RunError: it is the journal of another sweep, or damaged.
+    """
+    try:
+        content = reading.contents(path, _LARGEST, links=False)
+        head, *lines = list(_whole_lines(content)) or [b"null"]
+        if reading.json_value(head) != identity:
+            raise RunError(
+                f"{path.parent} holds another sweep: continue with its options, or choose another"
+            )
+        digest, results = reading.digest(identity), []
+        for line in lines:
+            record = reading.json_value(line)
+            results.append(_result(record, digest))
+            digest = record["digest"]
+    except (ValueError, reading.UnreadableError) as error:
+        raise RunError(f"{path} is damaged: remove it to begin anew ({error})") from error
+    return content[: content.rfind(b"\n") + 1], results, digest
+
+
+def _whole_lines(content: bytes) -> Iterator[bytes]:
+    return (line for line in content.splitlines(keepends=True) if line.endswith(b"\n"))
+
+
+def _result(record: Any, before: str) -> Reach | Outcome:
+    """Raises ValueError unless it is one, as it was written after the line before."""
+    if not isinstance(record, dict) or record.get("kind") not in tuple(_KINDS):
+        raise ValueError("a line is no result")
+    kind = _KINDS[record["kind"]]
+    values = {name: value for name, value in record.items() if name not in ("kind", "digest")}
+    if values.keys() != {field.name for field in fields(kind)}:
+        raise ValueError("a line is no result")
+    for field in fields(kind):
+        if type(values[field.name]) is not field.type:
+            raise ValueError(f"{field.name} is none")
+    if record.get("digest") != _digest(before, record):
+        raise ValueError("a line was altered, left out or moved")
+    result: Reach | Outcome = kind(**values)
+    return result
+
+
+def _digest(before: str, line: dict[str, Any]) -> str:
+    """Of a line and all before it."""
+    return hashlib.sha256((before + reading.digest(line)).encode()).hexdigest()[:16]

@@ -1,0 +1,68 @@
+"""Records of a run's metrics file, each known to be one before anything is made of it."""
+
+from pathlib import Path
+from typing import Any
+
+from lanewise.errors import RunError, brief
+from lanewise.runs import metrics
+
+LEVEL = ("updates", "transitions", "epsilon", "loss", "mean_q")
+COLUMNS = {
+    "episode": (
+        *("stage", "episode", "decision", "success", "accident"),
+        *("decisions", "reward", "timestep_reward", "speed"),
+    ),
+    "chunk": (
+        *("stage", "chunk", "decisions", "episodes", *LEVEL),
+        *("success_rate", "accident_rate", "reward", "timestep_reward", "speed"),
+        *("validation_success_rate", "validation_accident_rate", "validation_reward"),
+        *("best_chunk", *(f"high_level_{name}" for name in LEVEL)),
+    ),
+}
+"""Fields by kind of record, besides the kind itself."""
+_OPTIONAL = ("validation_", "best_chunk", "high_level_")
+"""Begins what not every chunk has."""
+_TEXTS = ("kind", "stage", "accident")
+_COUNTS = ("episode", "decision", "decisions", "chunk", "episodes", "updates", "transitions")
+
+
+def read(path: Path, end: int | None = None, sha256: str | None = None) -> list[dict[str, Any]]:
+    """The records of a metrics file; a last line cut short by a kill is left out.
+
+    Args:
+        path: the file.
+        end: read no further than so many bytes; None reads all.
+        sha256: of these bytes, where it was remembered.
+
+    Raises:
+        RunError: the file cannot be read or was altered, or a line is no record.
+    """
+    found = metrics.read(path, end, sha256)
+    for number, record in enumerate(found, 1):
+        if problem := _problem(record):
+            raise RunError(f"{path} is damaged: line {number} {problem}")
+    return found
+
+
+def _problem(record: dict[str, Any]) -> str:
+    """What is wrong with a record; empty where nothing is."""
+    kind = record.get("kind")
+    if kind not in ("episode", "chunk"):
+        return "is neither an episode nor a chunk"
+    for name in COLUMNS[kind]:
+        if name not in record and not name.startswith(_OPTIONAL):
+            return f"lacks {name}"
+    for name, value in record.items():
+        if name != "kind" and name not in COLUMNS[kind]:
+            return f'has a field "{brief(name)}", which does not belong there'
+        if not _fits(name, value):
+            return f"holds no {name}"
+    return ""
+
+
+def _fits(name: str, value: Any) -> bool:
+    if name in _TEXTS:
+        return isinstance(value, str)
+    if name in _COUNTS:
+        return type(value) is int and value >= 0
+    return value is None or isinstance(value, int | float)

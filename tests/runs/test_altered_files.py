@@ -1,0 +1,74 @@
+"""Altered files are refused: everything the campaign knows to do, once to each kind of file."""
+
+import altered_files
+import altering
+import pytest
+import strangers_files
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory):
+    place = tmp_path_factory.mktemp("strangers")
+    strangers_files.make(place, real=False)
+    return altered_files.block(place, 0, len(altered_files.WAYS), 0, guarded=False)
+
+
+def test_every_altered_file_is_refused_or_says_the_same(rows):
+    assert [row for row in rows if row["problem"]] == []
+    refused = [row for row in rows if row["outcome"] == "refused"]
+    assert len(refused) > 300
+    assert len(refused) > 0.9 * len(rows)
+
+
+def test_every_way_was_tried_on_every_kind_of_file(rows):
+    tried = {row["how"] for row in rows}
+    assert {how.__name__ for how in altering.BYTES + altering.TEXT} <= tried
+    assert {name for name in dir(altering) if name.startswith(("signed_", "policy_"))} <= tried
+    assert {row["target"] for row in rows} == {each.name for each in strangers_files.TARGETS}
+
+
+def test_messages_say_what_is_wrong(rows):
+    kinds = {altered_files.kind_of(row["said"]) for row in rows if row["outcome"] == "refused"}
+    assert len(kinds) > 40
+
+
+WHOLE = {"whole": "what it should be", "other": None}
+
+
+class Careless:
+    """A target that loads whatever there is, as the campaign must notice."""
+
+    def __init__(self, load):
+        self.name, self.signed, self.load = "careless", True, load
+
+
+@pytest.mark.parametrize(
+    ("load", "problem"),
+    [
+        (lambda folder: "something else", "loaded altered"),
+        (lambda folder: {}["key"], "another error"),
+        (lambda folder: (folder / "file").write_text("x"), "touched"),
+        (lambda folder: refuse(folder, 1.2), "slow"),
+        (lambda folder: refuse(folder, megabytes=300), "memory"),
+        (lambda folder: refuse("it is wrong"), "vague"),
+    ],
+)
+def test_a_careless_loader_is_found_out(tmp_path, load, problem):
+    (tmp_path / "file").write_text("altered")
+    target, before = Careless(load), altered_files.state_of(tmp_path)
+    found = altered_files.measure(target, tmp_path)
+    touched = altered_files.state_of(tmp_path) != before
+    assert altered_files.judge(target, tmp_path, WHOLE, touched, found) == problem
+
+
+def refuse(folder, seconds=0.0, megabytes=0):
+    import time
+
+    from lanewise.errors import RunError
+
+    room = bytearray(megabytes * 1_000_000)
+    room[::4096] = b"x" * len(room[::4096])
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+    raise RunError(f"{folder}/file was altered, and that is wrong")

@@ -1,0 +1,157 @@
+"""A stranger's run leads nowhere else: neither what is read nor what is written when it goes on."""
+
+import json
+import os
+
+import pytest
+import strangers_files
+
+from lanewise import config
+from lanewise.errors import CheckpointError, LanewiseError, RunError, SettingsError
+from lanewise.experiments import experiment, work
+from lanewise.runs import resume, trained
+from lanewise.runs.folder import RunFolder
+from lanewise.runs.metrics import MetricsWriter
+from lanewise.settings import Settings
+
+
+@pytest.fixture
+def run(tmp_path):
+    path = tmp_path / "run"
+    RunFolder.create(path, Settings(), "hierarchical", 3).close()
+    return path
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    path = tmp_path_factory.mktemp("strangers")
+    strangers_files.make(path, real=False)
+    return path
+
+
+@pytest.mark.parametrize("open_it", [RunFolder.open, RunFolder.resume])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("run.json", "settings.toml", "lock", "metrics.jsonl", "timings.jsonl", "episodes.csv"),
+        *("chunks.csv", "checkpoints", "stages", "tensorboard"),
+    ],
+)
+def test_a_link_in_a_run_is_refused_and_its_target_untouched(run, tmp_path, name, open_it):
+    """Going on would cut the file short, or delete from the folder."""
+    elsewhere = tmp_path / "precious"
+    if name in ("checkpoints", "stages", "tensorboard"):
+        elsewhere.mkdir()
+        (elsewhere / "thesis.json").write_text("precious")
+    else:
+        elsewhere.write_bytes((run / name).read_bytes() if (run / name).exists() else b"precious")
+    before = elsewhere.stat()
+    (run / name).unlink(missing_ok=True)
+    (run / name).symlink_to(elsewhere)
+    with pytest.raises(RunError, match=rf"{name}: (a link, not a regular file|not a folder)"):
+        open_it(run)
+    assert elsewhere.stat() == before
+
+
+@pytest.mark.parametrize("name", ["lock", "metrics.jsonl", "settings.toml"])
+def test_a_pipe_is_not_waited_for(run, name):
+    (run / name).unlink(missing_ok=True)
+    os.mkfifo(run / name)
+    with pytest.raises(RunError, match="a pipe or a device"):
+        RunFolder.resume(run)
+    with pytest.raises(RunError, match="a pipe or a device"):
+        MetricsWriter(run / name)
+
+
+def test_an_altered_identity_is_noticed_and_one_without_a_digest_is_from_before(run):
+    manifest = json.loads((run / "run.json").read_text())
+    (run / "run.json").write_text(json.dumps(manifest | {"seed": 4}))
+    with pytest.raises(RunError, match="was altered: its digest is not its own"):
+        RunFolder.open(run)
+    del manifest["digest"]
+    (run / "run.json").write_text(json.dumps(manifest))
+    assert RunFolder.open(run).seed == 3
+    (run / "run.json").write_text(json.dumps(manifest | {"sed": 3}))
+    with pytest.raises(RunError, match='it has no field "sed"'):
+        RunFolder.open(run)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**31, 10**30, True, "3"])
+def test_a_seed_is_one_that_a_command_takes(run, tmp_path, seed):
+    with pytest.raises(RunError, match="seed must be"):
+        RunFolder.create(tmp_path / "new", Settings(), "hierarchical", seed)
+    assert not (tmp_path / "new").exists()
+    manifest = json.loads((run / "run.json").read_text()) | {"seed": seed}
+    del manifest["digest"]
+    (run / "run.json").write_text(json.dumps(manifest))
+    with pytest.raises(RunError, match="seed"):
+        RunFolder.open(run)
+
+
+def test_a_lost_stage_is_not_trained_anew_over_what_came_after(place, tmp_path):
+    folder = RunFolder.open(place / "whole" / "stopped run" / "run")
+    lost = folder.stages / "step-1.json"
+    kept = lost.read_bytes()
+    lost.unlink()
+    with pytest.raises(CheckpointError, match=r"step-1.json is missing, though stage-01"):
+        resume.read(folder)
+    lost.write_bytes(kept)
+    assert resume.read(folder).checkpoint.name == "stage-01-chunk-00000003"
+
+
+def test_a_finished_run_has_the_metrics_it_was_written_with(place):
+    folder = RunFolder.open(place / "whole" / "metrics of a finished run" / "run")
+    whole = folder.metrics.read_bytes()
+    assert len(trained.lines(folder)) == 2
+    for altered in (whole.replace(b"1.5", b"1.6", 1), whole + whole.splitlines(keepends=True)[-1]):
+        folder.metrics.write_bytes(altered)
+        with pytest.raises(RunError, match="was altered"):
+            trained.lines(folder)
+    folder.metrics.write_bytes(whole)
+
+
+def test_a_test_from_before_is_held_against_its_episodes(place, tmp_path):
+    """It has no digests, but its figures follow from its episodes."""
+    tests = place / "whole" / "stored test" / "tests"
+    (tmp_path / "tests").mkdir()
+    stored = json.loads((tests / "lanewise.json").read_text())
+    del stored["digest"], stored["episodes_sha256"]
+    table = (tests / "lanewise.csv").read_text()
+    (tmp_path / "tests" / "lanewise.csv").write_text(table)
+    (tmp_path / "tests" / "lanewise.json").write_text(json.dumps(stored))
+    assert work.read_test(tmp_path, "lanewise").summary.episodes == 40
+    (tmp_path / "tests" / "lanewise.csv").write_text(table.replace(",25.0,", ",24.0,", 1))
+    with pytest.raises(RunError, match="do not agree; delete it"):
+        work.read_test(tmp_path, "lanewise")
+
+
+HEAD = 'title = "t"\nepisodes = 1\nhighway_env_episodes = 0\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (HEAD + "seeds = " + "9" * 5000, "not valid TOML"),
+        (HEAD + ".".join("a" * 40_000) + " = 1", "a line has more than 32 dots"),
+        (HEAD + "a" * 50_000 + " = 1", 'an experiment has no "aaa'),
+        (HEAD + "seeds = 1\n" + "".join(f"[arms.a{n}]\n" for n in range(101)), "at most 100 arms"),
+        (HEAD.replace('"t"', '"' + "t" * 201 + '"') + 'seeds = 1\n[arms.a]\ncontroller = "h-dqn"',
+         "longer than 200"),
+        (HEAD + f'seeds = 1\n[arms.{"a" * 81}]\ncontroller = "h-dqn"', "at most 80"),
+    ],
+)  # fmt: skip
+def test_experiments_that_take_for_ever_are_refused_at_once(text, says):
+    with pytest.raises(SettingsError, match=says):
+        experiment.parse("x", text)
+
+
+def test_a_network_has_so_many_layers_and_no_more():
+    config.compose(flags={"high_level.learner.hidden": [8] * 16})
+    with pytest.raises(SettingsError, match="at most 16 layers, got 17"):
+        config.compose(flags={"high_level.learner.hidden": [8] * 17})
+
+
+def test_devices_and_what_is_no_file_are_no_settings(tmp_path):
+    for name in ("/dev/zero", "/proc/self/status"):
+        with pytest.raises(LanewiseError, match=f"cannot read settings file {name}: .*not a reg"):
+            config.load_toml(strangers_files.Path(name))
