@@ -11,7 +11,7 @@ import pytest
 from lanewise import cli, config
 from lanewise.errors import RunError
 from lanewise.progress import Progress
-from lanewise.runs import files, train, trained
+from lanewise.runs import checkpoint, files, train, trained
 from lanewise.runs.folder import RunFolder
 from lanewise.settings import STAGES
 
@@ -168,6 +168,8 @@ def test_a_second_ctrl_c_does_not_wait(tmp_path, whole):
 
     with create(path) as folder, pytest.raises(KeyboardInterrupt):
         train.train(folder, None, Quiet(("step-1", 3), twice))
+    # Not even for the third chunk to be saved.
+    assert checkpoint.names(folder.checkpoints)[-1] == checkpoint.checkpoint_name(0, 2)
     resume(path)
     assert results(path) == results(whole)
 
