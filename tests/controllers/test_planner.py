@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from percepts import percept_of
 
 from lanewise.controllers import planner
 from lanewise.controllers.goals import Goal
@@ -99,6 +100,17 @@ def test_the_planner_stays_on_the_road():
     offset, heading, _ = driven()
     assert offset.max() < 4.5
     assert heading.max() < 0.3
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_car_on_its_way_to_the_centre_is_left_alone(side):
+    """The offset is judged a second later; by where the car is, it would turn away from the lane.
+
+    One decision ahead, going straight and turning back leave headings of the same size.
+    """
+    seen = percept_of(y=4.0 + side * 0.6, heading=-side * 0.0314)
+    goal = Goal(jnp.int32(1), jnp.float32(10.0))
+    assert int(planner.act(PlannerSettings(preview=1), DRIVING, goal, seen)) == actions.IDLE
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from small_runs import Quiet, results, resume
 
 from lanewise import cli
 from lanewise.errors import RunError
-from lanewise.runs import files, train, trained
+from lanewise.runs import checkpoint, files, train, trained
 
 FLAGS = small_runs.flags(chunks=5)
 
@@ -112,6 +112,8 @@ def test_a_second_ctrl_c_does_not_wait(tmp_path, whole):
 
     with create(path) as folder, pytest.raises(KeyboardInterrupt):
         train.train(folder, None, Quiet(("step-1", 3), twice))
+    # Not even for the third chunk to be saved.
+    assert checkpoint.names(folder.checkpoints)[-1] == checkpoint.checkpoint_name(0, 2)
     resume(path)
     assert results(path) == results(whole)
 
