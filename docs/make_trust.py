@@ -41,7 +41,8 @@ def _resumes(found: Any) -> str:
     return (
         f"{found['trials']} trainings stopped {found['stops']} times: "
         f"{found['inside_an_episode']} inside episodes, {found['inside_a_goal']} inside goals, "
-        f"{found['epsilon_is_falling']} while epsilon fell; {len(found['differences'])} files differ"
+        f"{found['epsilon_is_falling']} while epsilon fell; "
+        f"{len(found['differences'])} files differ"
     )
 
 
@@ -56,8 +57,8 @@ def _kills(found: Any) -> str:
 def _sameness(found: Any) -> str:
     counts = [len(part) for each in found["controllers"].values() for part in each.values()]
     return (
-        f"{len(found['controllers'])} controllers in {len(found['surroundings'])} surroundings, and "
-        f"tests of {min(found['counts'])} to {max(found['counts'])} episodes: "
+        f"{len(found['controllers'])} controllers in {len(found['surroundings'])} surroundings, "
+        f"and tests of {min(found['counts'])} to {max(found['counts'])} episodes: "
         f"{sum(counts)} differences"
     )
 
@@ -106,7 +107,7 @@ def _faults(found: Any) -> str:
 
 
 def _coverage(found: Any) -> str:
-    return f"{100 * found['share_of_branches']:.1f} % of the package's branches are taken by the tests"
+    return f"tests take {100 * found['share_of_branches']:.1f} % of the package's branches"
 
 
 def _shuffled(found: Any) -> str:
