@@ -35,6 +35,8 @@ def make_settings():
 def test_results_come_from_the_stored_files():
     for path, text in script("make_results").pages().items():
         assert path.read_text() == text, f"{path.name}: run python docs/make_results.py"
+    trust = script("make_trust")
+    assert trust.PAGE.read_text() == trust.page(), "run python docs/make_trust.py"
 
 
 def commands(page):

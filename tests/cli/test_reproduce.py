@@ -9,6 +9,7 @@ import pytest
 
 from lanewise.cli import main
 from lanewise.experiments import schedule
+from lanewise.runs import lock
 
 TINY = [
     *("--episodes", "3", "--highway-env-episodes", "1", "--evaluation.duration", "2"),
@@ -47,6 +48,12 @@ def test_it_leaves_a_report(done):
     for name in ("curves.png", "curves.svg", "clip.gif"):
         assert (out / name).stat().st_size > 1000
     assert "versions" in json.dumps(report)
+
+
+def test_a_folder_in_use_is_refused(tmp_path, capsys):
+    with lock.held(tmp_path / "out", "reproducing"):
+        assert main(["reproduce", "--out", str(tmp_path / "out"), *TINY]) == 2
+    assert "is in use: another process is reproducing in it" in capsys.readouterr().err
 
 
 def test_a_complete_folder_is_not_overwritten(done):

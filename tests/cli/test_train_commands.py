@@ -8,6 +8,7 @@ from PIL import Image
 
 from lanewise.cli import main
 from lanewise.evaluation import drive
+from lanewise.runs import lock
 
 STAGE = {
     "worlds": "2",
@@ -181,6 +182,10 @@ def test_sweep_refuses_before_it_works(run, tmp_path, capsys):
         assert main(sweep_words(run, tmp_path / "map", **changes)) == 2
         assert hint in capsys.readouterr().err
     assert not (tmp_path / "map").exists()
+    with lock.held(tmp_path / "busy", "sweeping"):
+        assert main(sweep_words(run, tmp_path / "busy")) == 2
+    assert "busy is in use: another process is sweeping in it" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "busy").iterdir()] == [lock.NAME]
     (tmp_path / "note").write_text("mine")
     assert main(sweep_words(run, tmp_path)) == 2
     assert "holds no sweep" in capsys.readouterr().err

@@ -103,6 +103,20 @@ def test_ctrl_c_within_a_chunk_waits_for_its_end(tmp_path, whole, monkeypatch):
     assert results(path) == results(whole)
 
 
+def test_the_end_of_a_machines_time_is_announced_by_sigterm(tmp_path, whole, monkeypatch):
+    """As by a cluster's scheduler; it saves, says so, and the run resumes to the same bytes."""
+    monkeypatch.setattr(train, "INTERVAL", 1e9)
+    path = tmp_path / "run"
+    reporter = Quiet(("step-1", 2), lambda: os.kill(os.getpid(), signal.SIGTERM))
+    with create(path) as folder, pytest.raises(KeyboardInterrupt):
+        train.train(folder, None, reporter)
+    assert reporter.notes == ["stopping: this chunk is finished and saved first"]
+    assert [p.name for p in folder.checkpoints.glob("*.json")] == ["stage-00-chunk-00000002.json"]
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    resume(path)
+    assert results(path) == results(whole)
+
+
 def test_a_second_ctrl_c_does_not_wait(tmp_path, whole):
     path = tmp_path / "run"
 

@@ -6,6 +6,7 @@ out or moved without being noticed.
 
 import hashlib
 import json
+import os
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import IO, Any
 from lanewise import reading
 from lanewise.errors import RunError
 from lanewise.evaluation.grid import Outcome, Reach
+from lanewise.runs import lock
 from lanewise.runs.files import write_atomically
 
 _LARGEST = 1_000_000_000
@@ -29,6 +31,8 @@ class Journal:
     file: IO[str]
     digest: str
     """Of all lines so far; the first stands for what the sweep is."""
+    lock: IO[bytes]
+    """Of the folder; closing it gives the folder back."""
 
     def add(self, found: list[Reach] | list[Outcome]) -> None:
         """Keep some results; a kill loses only what came after."""
@@ -49,14 +53,16 @@ def open_(path: Path, identity: dict[str, Any]) -> Journal:
         identity: what must be the same for it to be continued; its first line.
 
     Raises:
-        RunError: the folder holds something else, or a sweep of something else, or the journal is
-            damaged.
+        RunError: the folder holds something else, or a sweep of something else, or another process
+            is sweeping in it, or the journal is damaged.
     """
     out = path.parent
-    if not path.exists() and not path.is_symlink():
-        if out.exists() and (not out.is_dir() or any(out.iterdir())):
-            raise RunError(f"{out} is not an empty folder and holds no sweep; choose another")
-        out.mkdir(parents=True, exist_ok=True)
+    begun = path.exists() or path.is_symlink()
+    if not begun and out.exists() and (not out.is_dir() or set(os.listdir(out)) - {lock.NAME}):
+        raise RunError(f"{out} is not an empty folder and holds no sweep; choose another")
+    out.mkdir(parents=True, exist_ok=True)
+    locked = lock.acquire(out, "sweeping")
+    if not begun:
         path.write_text(json.dumps(identity) + "\n", encoding="utf-8")
     kept, results, digest = read(path, identity)
     # What a kill has cut short is left out, here and on disk.
@@ -66,6 +72,7 @@ def open_(path: Path, identity: dict[str, Any]) -> Journal:
         outcomes=[result for result in results if isinstance(result, Outcome)],
         file=path.open("a", encoding="utf-8"),
         digest=digest,
+        lock=locked,
     )
 
 

@@ -16,6 +16,7 @@ from lanewise.errors import LanewiseError, RunError, SettingsError
 from lanewise.experiments import experiment as experiments
 from lanewise.experiments.experiment import BUILT_IN, Experiment
 from lanewise.ranges import Between, OneOf
+from lanewise.runs import lock
 from lanewise.runs.folder import require_empty
 from lanewise.settings import TRAPS, Settings
 
@@ -85,19 +86,19 @@ def run(parsed: Parsed[Reproduce]) -> int:
     report = command.out / "report.md"
     if report.exists() and all(job.done for job in jobs):
         raise RunError(f"{command.out} is complete: see {report}, or choose another folder")
-    command.out.mkdir(parents=True, exist_ok=True)
-    # One that lacks what is to be done now would look like that of a complete folder.
-    report.unlink(missing_ok=True)
-    began = time.monotonic()
-    times = schedule.run(jobs, command.processes or len(cores.usable()), sys.stderr)
-    sys.stderr.write("writing the report\n")
-    path, text = reporting.write(
-        command.out,
-        whole,
-        results.collect(whole, every),
-        command=shlex.join(["lanewise", *sys.argv[1:]]),
-        times=times | {"everything": time.monotonic() - began},
-    )
+    with lock.held(command.out, "reproducing"):
+        # One that lacks what is to be done now would look like that of a complete folder.
+        report.unlink(missing_ok=True)
+        began = time.monotonic()
+        times = schedule.run(jobs, command.processes or len(cores.usable()), sys.stderr)
+        sys.stderr.write("writing the report\n")
+        path, text = reporting.write(
+            command.out,
+            whole,
+            results.collect(whole, every),
+            command=shlex.join(["lanewise", *sys.argv[1:]]),
+            times=times | {"everything": time.monotonic() - began},
+        )
     sys.stdout.write(f"{text}\nreport: {path}\n")
     return 0
 

@@ -77,9 +77,10 @@ def run(parsed: Parsed[Sweep]) -> int:
     journal = journals.open_(
         command.out / JOURNAL, _identity(command, folder, trained.fingerprint(folder))
     )
-    with journal.file, Progress() as reporter:
-        _work(command, grid, controller, journal, reporter)
-    _report(command, grid, folder, journal)
+    with journal.lock:
+        with journal.file, Progress() as reporter:
+            _work(command, grid, controller, journal, reporter)
+        _report(command, grid, folder, journal)
     return 0
 
 

@@ -16,7 +16,6 @@
 Imports no JAX.
 """
 
-import fcntl
 import hashlib
 import json
 import os
@@ -30,6 +29,7 @@ from lanewise import config, cores, crosschecks, reading
 from lanewise.errors import RunError, SettingsError, brief
 from lanewise.ranges import show
 from lanewise.runs.files import PARTIAL, write_atomically
+from lanewise.runs.lock import acquire
 from lanewise.settings import Settings
 from lanewise.version import __version__
 
@@ -95,7 +95,7 @@ class RunFolder:
         if type(seed) is not int or not 0 <= seed <= LARGEST_SEED:
             raise RunError(f"seed must be a whole number from 0 to {LARGEST_SEED}")
         path.mkdir(parents=True, exist_ok=True)
-        lock = _acquire(path)
+        lock = acquire(path, "training")
         folder = cls(path, settings, controller, seed, config.digest(settings), parts, lock)
         try:
             # Whoever had the lock just before may have made a run meanwhile.
@@ -145,7 +145,7 @@ class RunFolder:
                 f"{path} was made with other settings: there {difference}\n"
                 "  --resume without any settings takes those of the run"
             )
-        folder._lock = _acquire(path)
+        folder._lock = acquire(path, "training")
         return folder
 
     @property
@@ -227,18 +227,6 @@ def require_empty(path: Path) -> None:
     names = {name for name in os.listdir(path) if not name.endswith(PARTIAL)}
     if names - _OURS:
         raise RunError(f"{path} is not empty and holds no run; choose another folder")
-
-
-def _acquire(path: Path) -> IO[bytes]:
-    # Neither a link nor a pipe of this name may be followed or waited for.
-    flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK
-    lock = os.fdopen(os.open(path / "lock", flags, 0o644), "ab")
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        lock.close()
-        raise RunError(f"{path} is in use: another process is training in it") from None
-    return lock
 
 
 def _check_names(path: Path) -> None:

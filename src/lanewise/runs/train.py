@@ -7,6 +7,7 @@ the parameters of all levels. In between, ``checkpoints/`` holds all that the st
 import signal
 import threading
 import time
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -48,28 +49,34 @@ class _Files:
 class _Interrupts:
     """Ctrl-C waits for the end of a chunk, when state and metrics fit together and can be saved.
 
-    A second one does not wait: the run then continues from its newest checkpoint.
+    So does SIGTERM, by which clusters announce that a machine is needed otherwise. A second signal
+    does not wait: the run then continues from its newest checkpoint.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, reporter: Progress) -> None:
         self.asked = False
+        self._reporter = reporter
+        self._before: dict[int, Any] = {}
 
     def __enter__(self) -> "_Interrupts":
-        # Only where Ctrl-C would raise: not in other threads, not where it is ignored.
-        self._active = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-        self._active &= threading.current_thread() is threading.main_thread()
-        if self._active:
-            signal.signal(signal.SIGINT, self._hear)
+        if threading.current_thread() is threading.main_thread():
+            # Only where it would end the training: not where it is ignored or somebody's own.
+            usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+            for number, handler in usual.items():
+                if signal.getsignal(number) is handler:
+                    self._before[number] = signal.signal(number, self._hear)
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._active:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
 
     def _hear(self, *_: object) -> None:
         if self.asked:
             raise KeyboardInterrupt
         self.asked = True
+        with suppress(RuntimeError):  # In the middle of another line.
+            self._reporter.note("stopping: this chunk is finished and saved first")
 
 
 def train(
@@ -137,7 +144,7 @@ def _run_stage(
     progress = _from(files.folder, index, plan, frozen, found)
     reporter.stage(stage.name, 1.0, plan.fraction(progress.ledger))
     saved = time.monotonic()
-    with _Interrupts() as interrupts:
+    with _Interrupts(reporter) as interrupts:
         while not plan.finished(progress.ledger):
             began = time.monotonic()
             try:
