@@ -276,8 +276,7 @@ def _fill(run, whole):
         parameters |= blank
     if whole:
         return trained.save_controller(run, parameters)
-    plans = [resume.plan_of(run, stage) for stage in stages]
-    shapes = tree.shapes(resume._blank(run, plans, 1, resume.OURS))
+    shapes = tree.shapes(resume.blank(run, 1))
     arrays = {name: np.zeros(leaf.shape, leaf.dtype) for name, leaf in shapes.items()}
     arrays["state/iteration"] = np.int32(150)
     meta = {"stage": 1, "seed": run.seed, "ledger": ledger, **mark}

@@ -11,6 +11,7 @@ import pytest
 from lanewise.runs import checkpoint
 
 
+@pytest.mark.slow
 def test_every_call_of_a_save_killed_or_failing_leaves_a_whole_checkpoint(tmp_path):
     """In a process of its own: it forks, which threads of JAX do not bear."""
     out = tmp_path / "kills.json"

@@ -62,9 +62,8 @@ COURSES = {
 QUICK = "single-level, held, 2-step, per decision, time-outs terminal"
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(one, marks=() if one == QUICK else pytest.mark.slow) for one in COURSES]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", COURSES)
 def test_the_replay_holds_what_the_books_say(monkeypatch, name):
     course, frozen = COURSES[name]
     course = replay_books.noting(course)
