@@ -30,9 +30,7 @@ def rows():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "change", [pytest.param(one, id=one or "quick") for one in learner.CHANGES]
-)
+@pytest.mark.parametrize("change", learner.CHANGES, ids=lambda change: change or "quick")
 def test_a_thousand_updates_of_the_single_level_controller(rows, change):
     how = replace(QUICK.single_level.learner, hidden=(24, 24), **learner.CHANGES[change])
     found = learner.compare(how, rows, 9, updates=1000)

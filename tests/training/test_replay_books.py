@@ -59,7 +59,6 @@ COURSES = {
         {},
     ),
 }
-QUICK = "single-level, held, 2-step, per decision, time-outs terminal"
 
 
 @pytest.mark.slow
