@@ -116,10 +116,12 @@ def toml_table(data: bytes) -> dict[str, Any]:
         if any(line.count(".") > _MOST_DOTS for line in text.splitlines()):
             raise ValueError(f"a line has more than {_MOST_DOTS} dots")
         return tomllib.loads(text)
+    except UnicodeDecodeError as cause:
+        raise ValueError("not UTF-8 text") from cause
     except (ValueError, RecursionError) as cause:
         if endless := _ENDLESS.search(data):
             name = endless[1].decode("utf-8", "replace").strip()[:80]
-            raise ValueError(f"{name}: a whole number of so many digits is too long") from cause
+            raise ValueError(f"{name}: a whole number of so many digits is out of every range") from cause
         raise ValueError(" ".join(str(cause).split())[:120]) from cause
 
 

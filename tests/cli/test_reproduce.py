@@ -31,6 +31,7 @@ def done(tmp_path_factory):
     return out, reproduce(out)
 
 
+@pytest.mark.slow
 def test_it_prints_the_papers_table_with_ours_beside_it(done):
     _, result = done
     assert result.returncode == 0, result.stderr
@@ -41,6 +42,7 @@ def test_it_prints_the_papers_table_with_ours_beside_it(done):
     assert "[2/2]" in result.stderr
 
 
+@pytest.mark.slow
 def test_it_leaves_a_report(done):
     out, _ = done
     report = json.loads((out / "report.json").read_text())
@@ -56,6 +58,7 @@ def test_a_folder_in_use_is_refused(tmp_path, capsys):
     assert "is in use: another process is reproducing in it" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_complete_folder_is_not_overwritten(done):
     out, _ = done
     before = (out / "report.md").read_bytes()
@@ -66,6 +69,7 @@ def test_a_complete_folder_is_not_overwritten(done):
     assert (out / "report.md").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_arms_of_another_trap_in_the_folder_are_refused(done, tmp_path):
     """Also where they are not asked for: the report speaks of all arms in the folder."""
     out, _ = done
@@ -81,6 +85,7 @@ def test_arms_of_another_trap_in_the_folder_are_refused(done, tmp_path):
     assert not (folder / "runs" / "hierarchical").exists()
 
 
+@pytest.mark.slow
 def test_a_report_that_lacks_what_is_to_be_done_goes_first(done, tmp_path, monkeypatch, capsys):
     """Else an interruption would leave a folder that looks complete."""
     out, _ = done

@@ -130,6 +130,7 @@ def sweep_words(run, out, **changes):
     return ["sweep", str(run), "--out", str(out), *words]
 
 
+@pytest.mark.slow
 def test_sweep_writes_a_map_and_continues_an_interrupted_one(run, tmp_path, capsys, monkeypatch):
     out = tmp_path / "map"
     assert main(sweep_words(run, out)) == 0

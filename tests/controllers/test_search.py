@@ -35,6 +35,7 @@ def replayed(decisions, world, sequence):
     return jnp.sum(rewards), jnp.any(ended)
 
 
+@pytest.mark.slow
 def test_three_decisions_against_all_729_sequences():
     """At 7.2 m behind a car at 8 m/s many sequences end in a collision."""
     scenario = replace(EMPTY, test_front_distance=7.2, trap_speed=8.0, lanes=2)
@@ -51,6 +52,7 @@ def test_three_decisions_against_all_729_sequences():
     assert float(reward) == pytest.approx(best, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_what_was_planned_is_what_happens(monkeypatch):
     monkeypatch.setattr(drive, "BLOCK", 2)
     settings = Search(DRIVING, SearchSettings(per_class=1), 12)

@@ -76,6 +76,7 @@ def with_a_faster_trap(scenario, key, split):
     return replace(world, vehicles=replace(world.vehicles, speed=speed))
 
 
+@pytest.mark.slow
 def test_parts_of_the_user_s_own():
     parts = Parts(with_a_faster_trap, lanes_and_speed, fast, in_the_right_lane)
     env = gymnasium.make("lanewise/Trap-v0", parts=parts)

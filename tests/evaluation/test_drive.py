@@ -140,6 +140,7 @@ def test_the_escape_time_is_the_first_and_an_accident_takes_success_away():
     assert found.accumulated_reward.tolist() == [1.0, 2.0, 2.0]
 
 
+@pytest.mark.slow
 def test_a_recording_agrees_with_the_test(monkeypatch):
     monkeypatch.setattr(drive, "BLOCK", 1)
     course = course_of(EMPTY, Constant(), 16)

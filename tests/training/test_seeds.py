@@ -2,11 +2,13 @@
 
 import jax
 import numpy as np
+import pytest
 from test_stage import COURSE
 
 from lanewise.training import seeds, stage
 
 
+@pytest.mark.slow
 def test_seeds_together_are_the_seeds_alone():
     keys = jax.random.split(jax.random.key(5), 3)
     states, metrics = seeds.advance(COURSE)(seeds.begin(COURSE, keys))
