@@ -121,7 +121,9 @@ def toml_table(data: bytes) -> dict[str, Any]:
     except (ValueError, RecursionError) as cause:
         if endless := _ENDLESS.search(data):
             name = endless[1].decode("utf-8", "replace").strip()[:80]
-            raise ValueError(f"{name}: a whole number of so many digits is out of every range") from cause
+            raise ValueError(
+                f"{name}: a whole number of so many digits is out of every range"
+            ) from cause
         raise ValueError(" ".join(str(cause).split())[:120]) from cause
 
 
