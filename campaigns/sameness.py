@@ -98,12 +98,13 @@ def rows(run, count, place, world="lanewise", changes=None):
         return list(csv.reader(file))[1:]
 
 
-def same_training(controller, place, step):
+def same_training(controller, place, surroundings, step):
     """Surroundings in which some file differed, with the names of the files."""
     expected = digests(training(controller, place / "expected", {}))
     step()
     differences = {}
-    for number, (name, changes) in enumerate(SURROUNDINGS.items()):
+    for number, name in enumerate(surroundings):
+        changes = SURROUNDINGS[name]
         found = digests(training(controller, place / str(number), changes))
         step()
         if found != expected:
@@ -156,9 +157,15 @@ def main():
     """Run the campaign, store what it found, and tell by the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--controllers", nargs="+", default=list(STAGES_OF), choices=STAGES_OF)
+    parser.add_argument(
+        "--surroundings", nargs="+", default=list(SURROUNDINGS), choices=SURROUNDINGS
+    )
+    parser.add_argument("--no-tests", action="store_true", help="trainings alone")
     parser.add_argument("--out", type=Path, default=Path("results/trust/sameness.json"))
     arguments = parser.parse_args()
-    figures = {"surroundings": SURROUNDINGS, "files": FILES, "counts": COUNTS, "controllers": {}}
+    chosen = {name: SURROUNDINGS[name] for name in arguments.surroundings}
+    counts = () if arguments.no_tests else COUNTS
+    figures = {"surroundings": chosen, "files": FILES, "counts": counts, "controllers": {}}
     done = 0
 
     def step():
@@ -172,14 +179,15 @@ def main():
         )
 
     with tempfile.TemporaryDirectory() as folder, Progress() as reporter:
-        each = len(SURROUNDINGS) + 2 + 3 * len(COUNTS) + 1
+        each = len(chosen) + 2 + (3 * len(counts) + 1 if counts else 0)
         reporter.stage("processes", each * len(arguments.controllers))
         for controller in arguments.controllers:
             place = Path(folder) / controller
             found = figures["controllers"][controller] = {}
-            found["trainings_that_differ"] = same_training(controller, place, step)
+            found["trainings_that_differ"] = same_training(controller, place, chosen, step)
             run = place / "expected" / "run"
-            found["tests_that_differ"] = same_tests(run, place / "tests", step)
+            if counts:
+                found["tests_that_differ"] = same_tests(run, place / "tests", step)
             other = training(controller, place / "other", {}, seed=1)
             found["alike_in_another_seed"] = alike(run, other)
             step()

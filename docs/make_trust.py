@@ -56,10 +56,10 @@ def _kills(found: Any) -> str:
 
 def _sameness(found: Any) -> str:
     counts = [len(part) for each in found["controllers"].values() for part in each.values()]
+    tests = ", tests of 1 to 230 episodes" if found["counts"] else ""
     return (
-        f"{len(found['controllers'])} controllers in {len(found['surroundings'])} surroundings, "
-        f"and tests of {min(found['counts'])} to {max(found['counts'])} episodes: "
-        f"{sum(counts)} differences"
+        f"{', '.join(found['controllers'])} in {len(found['surroundings'])} surroundings "
+        f"({', '.join(found['surroundings'])}){tests}, another seed: {sum(counts)} differences"
     )
 
 
