@@ -66,13 +66,14 @@ class Watched:
     """A reproduction under way in a group of processes of its own, and the memory it takes."""
 
     def __init__(self, out, words, environment):
+        # A file and not a pipe, which would fill up and stop it while nobody reads.
+        self._said = tempfile.TemporaryFile("w+")  # noqa: SIM115  (closed when it has ended)
         self._process = subprocess.Popen(
             command(out, words),
             env=environment,
             start_new_session=True,
             stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
+            stderr=self._said,
         )
         self.largest = 0
 
@@ -95,15 +96,17 @@ class Watched:
                 os.kill(member, WAYS[way])
             except ProcessLookupError:
                 continue
-        self._process.stderr.read()
         self._process.wait()
+        self._said.close()
         while self._members():
             time.sleep(0.1)
 
     def outcome(self):
         """Its exit code and what it said at the end."""
-        said = self._process.stderr.read()
-        return self._process.wait(), said[-500:]
+        code = self._process.wait()
+        with self._said as file:
+            file.seek(0)
+            return code, file.read()[-500:]
 
     def _members(self):
         """Its processes that live."""

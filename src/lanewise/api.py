@@ -144,7 +144,7 @@ def train(
             training.train(folder, lender, reporter, tensorboard=tensorboard, parts=parts)
     except OSError as error:
         place = error.filename or path
-        raise LanewiseError(f"cannot write {place}: {error.strerror}") from error
+        raise LanewiseError(f"cannot write {place}: {error.strerror or error}") from error
     return path
 
 

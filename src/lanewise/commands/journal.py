@@ -62,11 +62,15 @@ def open_(path: Path, identity: dict[str, Any]) -> Journal:
         raise RunError(f"{out} is not an empty folder and holds no sweep; choose another")
     out.mkdir(parents=True, exist_ok=True)
     locked = lock.acquire(out, "sweeping")
-    if not begun:
-        path.write_text(json.dumps(identity) + "\n", encoding="utf-8")
-    kept, results, digest = read(path, identity)
-    # What a kill has cut short is left out, here and on disk.
-    write_atomically(out, {path.name: kept})
+    try:
+        if not begun:
+            path.write_text(json.dumps(identity) + "\n", encoding="utf-8")
+        kept, results, digest = read(path, identity)
+        # What a kill has cut short is left out, here and on disk.
+        write_atomically(out, {path.name: kept})
+    except BaseException:
+        locked.close()
+        raise
     return Journal(
         reached=[result for result in results if isinstance(result, Reach)],
         outcomes=[result for result in results if isinstance(result, Outcome)],

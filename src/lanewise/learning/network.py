@@ -63,9 +63,9 @@ def _product(features: jax.Array, weights: jax.Array) -> jax.Array:
     """``features @ weights``, with a gradient that is the same on any number of cores.
 
     The gradient of the weights is features^T @ delta. Given that transposed product, XLA sums over
-    the batch in parts whose number follows that of the threads, and rounds otherwise for each
-    (jaxlib 0.10.2, for 19 of 63 shapes of batches and layers; never in other products). So the
-    transposed features are made first.
+    the batch in parts whose number follows that of the threads, for some sizes of batch and layer,
+    and rounds otherwise for each (jaxlib 0.10.2; `tests/learning/test_cores.py` fails without
+    this). So the transposed features are made first.
     """
     return features @ weights
 
