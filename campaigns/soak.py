@@ -162,6 +162,8 @@ def main():
     parser.add_argument("--out", type=Path, default=Path("results/trust/soak.json"))
     parser.add_argument("words", nargs="*", help="of `lanewise reproduce`, after --")
     arguments = parser.parse_args()
+    # What runs in a shell's background has Ctrl-C ignored, and its children would too.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     rng = np.random.default_rng(arguments.seed)
     began = time.monotonic()
     rounds, differences, expected = [], [], None

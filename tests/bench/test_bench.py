@@ -2,6 +2,8 @@
 
 import json
 import sys
+from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 
 import jax
@@ -64,12 +66,15 @@ def test_where_the_time_went_adds_up():
 def test_a_peer_is_looked_for_in_every_interpreter():
     here = peers.ask([])
     assert here.find("highway-env") == Path(sys.executable)
+    # This one may have anything installed beside.
+    bare = [replace(one, versions={"highway-env": "1.12.1"}) for one in here.known]
     other = peers.Interpreter(Path("other"), {"torch": "2.0", "highway-env": "1.0"})
-    both = peers.Interpreters((*here.known, other))
+    both = peers.Interpreters((*bare, other))
     assert both.find("PyTorch") == Path("other")
     assert both.find("highway-env") == Path(sys.executable)
     assert both.find("Stable-Baselines3") is None
-    assert both.versions()["highway-env"] == here.versions()["highway-env"] != "1.0"
+    assert both.versions()["highway-env"] == "1.12.1"
+    assert here.versions()["highway-env"] == version("highway-env")
 
 
 def test_a_gpu_is_measured_where_there_is_one(monkeypatch):
