@@ -31,6 +31,12 @@ HEADLINE = (
     *("single-level", "single-level-held", "rule-based", "search"),
 )
 """Arms of the README's table; the others are in `docs/results.md`."""
+ARMS = (
+    "The flat arms are named by their exploration, ε from 0.5 to 0.02 over 1000 steps in each of 32 "
+    "worlds (row 15 of [the readings](docs/paper.md)); h-DQN trains both levels at once, the "
+    "hierarchical arm one after the other; the search plans with the world itself, "
+    "and so knows how everybody will drive, which no controller may."
+)
 ESCAPES = 0.9
 """A seed escapes if more than this share of its test episodes do."""
 PICTURES = {
@@ -127,6 +133,8 @@ def _summary(report: Any, paper: Any) -> str:
         f"{_machine(report)}. All {len(names)} arms and how much was run are in "
         "[docs/results.md](docs/results.md), the whole report with its figures, every seed and the "
         "ledger of the paper's claims in [results/standard](results/standard/report.md).",
+        "",
+        ARMS,
         "",
     ]
     lines += [_at_the_papers_size(paper), "", _is_it_the_hierarchy(report), ""]
