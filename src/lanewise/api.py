@@ -136,7 +136,7 @@ def train(
         else:
             composed = keywords.compose(preset, trap, settings, SECTIONS)
             # Before the folder is made: a refused run leaves nothing behind.
-            parts.feature_count(composed.scenario, composed.driving)
+            parts.try_out(composed.scenario, composed.driving)
             if lender is not None:
                 trained.check_lender(lender, composed)
             folder = RunFolder.create(path, composed, controller, seed, parts.names())

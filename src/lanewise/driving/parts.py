@@ -45,10 +45,11 @@ class Parts:
             if (own := getattr(self, part.name)) is not part.default
         )
 
-    def feature_count(self, scenario: TrapSettings, driving: DrivingSettings) -> int:
-        """Length of what the controller sees, once a user's own functions have been tried.
+    def try_out(self, scenario: TrapSettings, driving: DrivingSettings) -> int:
+        """Try the user's own functions, each traced alone: a mistake shows at once, under its name.
 
-        They are traced on their own, so that a mistake shows at once and under its name.
+        Returns:
+            Length of what the controller sees.
 
         Raises:
             SettingsError: one of them fails, or returns something else than it must.

@@ -102,7 +102,7 @@ def controller(
 ) -> Controller:
     """The controller of a name, with goals renewed as ``renewal`` says."""
     driving, goals = settings.driving, settings.goals
-    observed = parts.feature_count(settings.scenario, driving)
+    observed = parts.try_out(settings.scenario, driving)
     match name:
         case "planned":
             return Planned(driving, goals, settings.planner, renewal, observed=observed)
