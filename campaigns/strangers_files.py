@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import altering
+import forging
 import jax
 import numpy as np
 
@@ -129,35 +130,35 @@ def _journal(folder):
     return _plain(journal.read(folder / "progress.jsonl", IDENTITY))
 
 
-MANIFEST = (*altering.TEXT, altering.signed_field)
+MANIFEST = (*altering.TEXT, forging.signed_field)
 TARGETS = (
     Target(
         "finished run",
         {
             "run/run.json": MANIFEST,
-            "run/settings.toml": (*altering.TEXT, altering.dotted, altering.signed_settings),
+            "run/settings.toml": (*altering.TEXT, altering.dotted, forging.signed_settings),
             "run/controller.json": MANIFEST,
-            "run/controller.safetensors": (altering.signed_arrays,) * 6,
+            "run/controller.safetensors": (forging.signed_arrays,) * 6,
         },
         _run,
     ),
     Target(
         "stopped run",
         {
-            "run/run.json": (altering.signed_field,),
+            "run/run.json": (forging.signed_field,),
             "run/checkpoints/stage-01-chunk-00000003.json": (
-                *(*MANIFEST, *(altering.signed_books,) * 6),
+                *(*MANIFEST, *(forging.signed_books,) * 6),
             ),
-            "run/checkpoints/stage-01-chunk-00000003.safetensors": (altering.signed_arrays,) * 6,
-            "run/stages/step-1.json": (*MANIFEST, altering.signed_books),
-            "run/stages/step-1.safetensors": (altering.signed_arrays,) * 4,
-            "run/metrics.jsonl": (*altering.TEXT, *(altering.signed_metrics,) * 4),
+            "run/checkpoints/stage-01-chunk-00000003.safetensors": (forging.signed_arrays,) * 6,
+            "run/stages/step-1.json": (*MANIFEST, forging.signed_books),
+            "run/stages/step-1.safetensors": (forging.signed_arrays,) * 4,
+            "run/metrics.jsonl": (*altering.TEXT, *(forging.signed_metrics,) * 4),
         },
         _stopped,
     ),
     Target(
         "metrics of a finished run",
-        {"run/metrics.jsonl": (*altering.TEXT, *(altering.signed_metrics,) * 4)},
+        {"run/metrics.jsonl": (*altering.TEXT, *(forging.signed_metrics,) * 4)},
         _lines,
     ),
     *(
@@ -165,9 +166,9 @@ TARGETS = (
             f"exported policy, {name}",
             {
                 "policy.npz": (
-                    *(altering.policy_member,) * 8,
-                    *(altering.policy_about,) * 8,
-                    altering.many_members,
+                    *(forging.policy_member,) * 8,
+                    *(forging.policy_about,) * 8,
+                    forging.many_members,
                 )
             },
             _policy,
@@ -185,12 +186,12 @@ TARGETS = (
     ),
     Target(
         "stored test",
-        {"tests/lanewise.json": MANIFEST, "tests/lanewise.csv": (altering.signed_table,) * 5},
+        {"tests/lanewise.json": MANIFEST, "tests/lanewise.csv": (forging.signed_table,) * 5},
         _test,
     ),
     Target(
         "journal of a sweep",
-        {"progress.jsonl": (*altering.TEXT, *(altering.signed_line,) * 5)},
+        {"progress.jsonl": (*altering.TEXT, *(forging.signed_line,) * 5)},
         _journal,
     ),
 )
