@@ -9,7 +9,7 @@ import strangers_files
 from lanewise import config
 from lanewise.errors import CheckpointError, LanewiseError, RunError, SettingsError
 from lanewise.experiments import experiment, work
-from lanewise.runs import resume, trained
+from lanewise.runs import resume, trained, views
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.metrics import MetricsWriter
 from lanewise.settings import Settings
@@ -51,6 +51,26 @@ def test_a_link_in_a_run_is_refused_and_its_target_untouched(run, tmp_path, name
     with pytest.raises(RunError, match=rf"{name}: (a link, not a regular file|not a folder)"):
         open_it(run)
     assert elsewhere.stat() == before
+
+
+@pytest.mark.parametrize("resume_at", [0, None])
+def test_a_second_name_of_the_metrics_is_not_cut_short(tmp_path, resume_at):
+    """Backups keep old states of a run as hard links."""
+    kept = tmp_path / "backup.jsonl"
+    kept.write_text('{"kind": "chunk"}\nhalf a li')
+    os.link(kept, tmp_path / "metrics.jsonl")
+    with pytest.raises(RunError, match=r"metrics.jsonl: another name .* resume the copy"):
+        MetricsWriter(tmp_path / "metrics.jsonl", resume_at)
+    assert kept.read_text().endswith("half a li")
+
+
+def test_a_second_name_of_a_table_keeps_what_it_has(tmp_path):
+    kept = tmp_path / "backup.csv"
+    kept.write_text("precious")
+    os.link(kept, tmp_path / views.FILES["chunk"])
+    views.Table(tmp_path, "chunk").close()
+    assert kept.read_text() == "precious"
+    assert (tmp_path / views.FILES["chunk"]).read_text().startswith("stage,")
 
 
 @pytest.mark.parametrize("name", ["lock", "metrics.jsonl", "settings.toml"])

@@ -140,13 +140,20 @@ def _lines(path: Path, end: int | None) -> Iterator[bytes]:
 
 
 def _appending(path: Path) -> IO[bytes]:
-    """The file, to be written to; neither a link nor a pipe of its name."""
+    """The file, to be written to; neither a link nor a pipe of its name, nor a name of two."""
     flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK
     try:
         reading.require_plain(path)
-        return os.fdopen(os.open(path, flags, 0o644), "ab")
     except reading.UnreadableError as error:
         raise RunError(f"cannot write {path}: {error}") from error
+    file = os.fdopen(os.open(path, flags, 0o644), "ab")
+    if os.fstat(file.fileno()).st_nlink > 1:
+        file.close()
+        raise RunError(
+            f"cannot write {path}: another name leads to the same file (a hard link, as backups "
+            "make them); copy the run and resume the copy"
+        )
+    return file
 
 
 def _end_of_lines(path: Path, size: int) -> int:

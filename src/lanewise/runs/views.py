@@ -81,7 +81,10 @@ class Table:
 
     def __init__(self, folder: Path, kind: str) -> None:
         self._kind = kind
-        self._file: IO[str] = (folder / FILES[kind]).open("w", encoding="utf-8", newline="")
+        path = folder / FILES[kind]
+        # A file of its own: a backup may know the old one by another name.
+        path.unlink(missing_ok=True)
+        self._file: IO[str] = path.open("x", encoding="utf-8", newline="")
         self._rows = csv.DictWriter(self._file, COLUMNS[kind], lineterminator="\n")
         self._rows.writeheader()
 
