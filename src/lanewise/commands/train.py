@@ -25,10 +25,10 @@ class Train:
     """
 
     controller: Annotated[str, OneOf(CONTROLLERS)] = field(metadata={"positional": True})
-    """Which controller to train: hierarchical, a high level that sets goals (step 1) and a low level
-    that learns to reach them (step 2), as in the paper; single-level, the flat baseline on the same
-    nine actions; planned, step 1 alone, whose goals a planner carries out; h-dqn, both levels
-    learning at once."""
+    """Which controller to train: hierarchical, a high level that sets goals (step 1) and a low
+    level that learns to reach them (step 2), as in the paper; single-level, the flat baseline on
+    the same nine actions; planned, step 1 alone, whose goals a planner carries out; h-dqn, both
+    levels learning at once."""
     out: Path
     """Run folder: new or empty, or a stopped run together with --resume."""
     seed: Annotated[int, SEEDS] = 0
