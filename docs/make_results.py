@@ -32,10 +32,10 @@ HEADLINE = (
 )
 """Arms of the README's table; the others are in `docs/results.md`."""
 ARMS = (
-    "The flat arms are named by their exploration, ε from 0.5 to 0.02 over 1000 steps in each of 32 "
-    "worlds (row 15 of [the readings](docs/paper.md)); h-DQN trains both levels at once, the "
-    "hierarchical arm one after the other; the search plans with the world itself, "
-    "and so knows how everybody will drive, which no controller may."
+    "The flat arms are named by their exploration, ε from 0.5 to 0.02 over 1000 steps in each of "
+    "32 worlds (row 15 of [the readings](docs/paper.md)); h-DQN trains both levels at once, the "
+    "hierarchical arm one after the other; the search plans with the world itself, and so knows "
+    "how everybody will drive, which no controller may."
 )
 ESCAPES = 0.9
 """A seed escapes if more than this share of its test episodes do."""
