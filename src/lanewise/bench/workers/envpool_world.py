@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import envpool  # type: ignore[import-not-found]
+import envpool
 import numpy as np
 
 

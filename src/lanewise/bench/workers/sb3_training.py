@@ -11,9 +11,9 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import torch  # type: ignore[import-not-found]
-from stable_baselines3 import DQN  # type: ignore[import-not-found]
-from stable_baselines3.common.callbacks import BaseCallback  # type: ignore[import-not-found]
+import torch
+from stable_baselines3 import DQN
+from stable_baselines3.common.callbacks import BaseCallback
 
 from lanewise.bench import random_driving
 from lanewise.bench.random_driving import Drive

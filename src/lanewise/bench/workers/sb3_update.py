@@ -10,9 +10,9 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import torch  # type: ignore[import-not-found]
-from stable_baselines3 import DQN  # type: ignore[import-not-found]
-from stable_baselines3.common.logger import configure  # type: ignore[import-not-found]
+import torch
+from stable_baselines3 import DQN
+from stable_baselines3.common.logger import configure
 
 UPDATES = 100
 """In a call of ``DQN.train``."""

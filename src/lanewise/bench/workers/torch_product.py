@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import torch  # type: ignore[import-not-found]
+import torch
 
 
 def prepare(
