@@ -67,9 +67,10 @@ def test_a_peer_is_looked_for_in_every_interpreter():
     here = peers.ask([])
     assert here.find("highway-env") == Path(sys.executable)
     # This one may have anything installed beside.
-    bare = [replace(one, versions={"highway-env": "1.12.1"}) for one in here.known]
+    bare = {"highway-env": "1.12.1", "lanewise": "0.1.0"}
+    known = [replace(one, versions=bare) for one in here.known]
     other = peers.Interpreter(Path("other"), {"torch": "2.0", "highway-env": "1.0"})
-    both = peers.Interpreters((*bare, other))
+    both = peers.Interpreters((*known, other))
     assert both.find("PyTorch") == Path("other")
     assert both.find("highway-env") == Path(sys.executable)
     assert both.find("Stable-Baselines3") is None

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -18,6 +18,9 @@ from lanewise.errors import LanewiseError
 WORKERS = Path(__file__).parent / "workers"
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """For libraries that would otherwise start a thread for every core of the machine."""
+
+_SECONDS_TO_END = 10.0
+"""For a worker that has answered; then it is killed."""
 
 
 def one_each(
@@ -80,6 +83,9 @@ def _together(
             if not answer:
                 raise _failed(worker, child, errors)
             results.append(json.loads(answer))
+        for child, _ in children:
+            with suppress(subprocess.TimeoutExpired):
+                child.wait(_SECONDS_TO_END)
         return results
 
 

@@ -26,7 +26,9 @@ def main() -> None:
         os.sched_setaffinity(0, {int(core) for core in cores})
     # Peers print what they like; only results may reach the one who asked.
     answers, sys.stdout = sys.stdout, sys.stderr
-    measure = runpy.run_path(worker)["prepare"](**json.loads(arguments))
+    # Under the name it has in the package, for whoever traces or profiles it.
+    name = f"lanewise.bench.workers.{os.path.basename(worker).removesuffix('.py')}"
+    measure = runpy.run_path(worker, run_name=name)["prepare"](**json.loads(arguments))
     print(READY, file=answers, flush=True)
     if not sys.stdin.readline():
         return
