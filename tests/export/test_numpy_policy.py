@@ -4,6 +4,7 @@ import json
 import shutil
 import subprocess
 import sys
+import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -138,6 +139,93 @@ def test_other_files_are_refused(files, tmp_path):
         broken.write_bytes(data)
         with pytest.raises(ValueError, match="is no policy"):
             load(broken)
+
+
+def field(*path):
+    """Set a field of what a policy says of itself; the last of the path is the value."""
+
+    def change(about, arrays):
+        *places, name, value = path
+        for place in places:
+            about = about[place]
+        about[name] = value
+
+    return change
+
+
+def array(name, alter):
+    def change(about, arrays):
+        arrays[name] = alter(arrays[name])
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("case", "change", "says"),
+    [
+        ("planned", field("seed", float("nan")), "NaN is no number"),
+        ("planned", field("seed", -1), "seed is no number from 0"),
+        ("planned", field("decision_frequency", True), "decision_frequency is no number"),
+        ("planned", field("controller", 3), "controller is no text"),
+        ("planned", field("levels", {"high_level": 2, "low_level": 2}), "not those of its kind"),
+        ("planned", field("levels", "high_level", 65), "high_level is no number from 1 to 64"),
+        ("planned", field("goals", "reference", "yours"), "reference is none that is known"),
+        ("planned", field("goals", "lowest_speed", 17.0), "lowest speed of goals exceeds"),
+        ("planned", field("goals", "moves", {}), "moves are no list"),
+        ("planned", field("goals", "moves", [[0, 2]]), "a move is none"),
+        ("planned", field("goals", "moves", [[0, 0]]), "chooses among 5, not 1"),
+        ("planned", field("planner", "ticks", 0), "ticks is no number from 1"),
+        ("planned", array("planner/trims", lambda a: a[1:]), "candidates do not fit"),
+        ("planned", array("planner/trim_steps", np.float32), "are of another type"),
+        ("planned", array("planner/turns", lambda a: a * 2), "candidates are no signs"),
+        ("planned", array("planner/trim_steps", lambda a: a + 5), "are trimmed at no step"),
+        ("planned", array("high_level/1/biases", np.int64), "layer 1 is of another type"),
+        ("planned", array("about", lambda _: np.zeros(3, np.float32)), "is no text"),
+        ("hierarchical", lambda _, arrays: arrays.update(more=np.zeros(1, np.float32)),
+         "holds arrays that do not belong there"),
+        ("single-level-held", field("hold", 1001), "hold is no number from 1 to 1000"),
+        ("single-level-held", field("hold", 2.0), "hold is no number from 1 to 1000"),
+    ],
+)  # fmt: skip
+def test_each_part_is_checked(files, tmp_path, case, change, says):
+    with np.load(files / f"{case}.npz") as file:
+        arrays = {name: file[name] for name in file.files}
+    about = json.loads(str(arrays["about"]))
+    change(about, arrays)
+    if arrays["about"].dtype.kind == "U":
+        arrays["about"] = np.asarray(json.dumps(about))
+    path = tmp_path / "altered.npz"
+    np.savez(path, **arrays)
+    with pytest.raises(numpy_policy.PolicyError, match=says):
+        load(path)
+
+
+def test_an_archive_holds_each_array_once_and_as_it_is(files, tmp_path):
+    members = zipfile.ZipFile(files / "planned.npz")
+    path = tmp_path / "altered.npz"
+
+    def wrote(method, *names):
+        with zipfile.ZipFile(path, "w", method) as archive:
+            for name in names:
+                archive.writestr(name, members.read("about.npy"))
+
+    wrote(zipfile.ZIP_DEFLATED, "about.npy")
+    with pytest.raises(ValueError, match=r"holds more than it does|is compressed"):
+        load(path)
+    wrote(zipfile.ZIP_STORED, "about.npy", "about")
+    with pytest.raises(ValueError, match="holds an array twice"):
+        load(path)
+    wrote(zipfile.ZIP_STORED, *(f"{number}.npy" for number in range(501)))
+    with pytest.raises(ValueError, match="more than 500 arrays"):
+        load(path)
+
+
+def test_an_endless_file_is_not_read_to_its_end(tmp_path, monkeypatch):
+    monkeypatch.setattr(numpy_policy, "LARGEST", 1000)
+    path = tmp_path / "large.npz"
+    path.write_bytes(b"P" * 1001)
+    with pytest.raises(ValueError, match="larger than 1000 bytes"):
+        load(path)
 
 
 def test_a_wrong_policy_is_noticed():
