@@ -27,8 +27,10 @@ class Between:
 
     def holds(self, value: float) -> bool:
         """Whether ``value`` is finite and inside the interval."""
-        # Comparing first keeps whole numbers too large for a float from being converted to one.
-        return self.low <= value <= self.high and math.isfinite(value)
+        try:
+            return self.low <= value <= self.high and math.isfinite(value)
+        except OverflowError:  # A whole number too large for a float.
+            return False
 
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""

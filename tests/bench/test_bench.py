@@ -232,6 +232,19 @@ def test_ratios():
     assert all(line == line.rstrip() for line in shown.splitlines())
 
 
+def test_ratios_of_what_was_measured_alone():
+    """Without a peer, or without ours, there is nothing to compare."""
+    figures = [
+        figure("world", "12 vehicles, 2 cores", "highway-env", 3.0),
+        figure("latency", "12 vehicles", "highway-env", 5000.0),
+        figure("update", "x", "PyTorch, double DQN", 300.0),
+        figure("update", "y", "lanewise", 900.0),
+        figure("level", level.CASE, "lanewise, seed 0", 90.0),
+    ]
+    found = ratios.of(figures, 2)
+    assert [ratio.what for ratio in found] == ["a hierarchical controller at the paper's level"]
+
+
 def test_the_command(monkeypatch, tmp_path, capsys):
     def failing():
         raise LanewiseError("measuring it failed: out of road")

@@ -6,6 +6,7 @@ import pytest
 
 from lanewise import config, cores, crosschecks
 from lanewise.errors import SettingsError
+from lanewise.ranges import Between
 from lanewise.runs.folder import CONTROLLERS, RunFolder
 from lanewise.settings import PRESETS, TRAPS, Settings
 from lanewise.training import recipe
@@ -360,3 +361,25 @@ def test_differences_name_what_is_not_the_same_in_all():
         "goals.time_limit": (3.0, 3.0, 5.0),
     }
     assert config.differences(several[:1]) == {}
+
+
+@pytest.mark.parametrize(
+    ("bounds", "said"),
+    [
+        (Between(), "a finite number"),
+        (Between(unit="m"), "a finite number m"),
+        (Between(low=1), "at least 1"),
+        (Between(high=2.5, unit="s"), "at most 2.5 s"),
+        (Between(1, 3, "m/s"), "between 1 and 3 m/s"),
+    ],
+)
+def test_a_range_in_words(bounds, said):
+    assert str(bounds) == said
+
+
+@pytest.mark.parametrize(
+    "value", [float("inf"), float("nan"), 10**400], ids=["inf", "nan", "1e400"]
+)
+@pytest.mark.parametrize("bounds", [Between(), Between(low=1), Between(0.0, 1e308)], ids=str)
+def test_a_range_holds_finite_numbers_alone(value, bounds):
+    assert not bounds.holds(value)

@@ -197,3 +197,10 @@ def test_a_seed_of_32_bits_is_the_same_start_everywhere():
     """A compiled start takes it as an unsigned number, `trap.start_key` as Python's."""
     env = gymnasium.make("lanewise/Trap-v0")
     assert not np.array_equal(env.reset(seed=2**32 - 1)[0], env.reset(seed=2**31 - 1)[0])
+
+
+def test_pictures_need_a_mode_and_an_episode():
+    assert gymnasium.make("lanewise/Trap-v0").unwrapped.render() is None
+    env = gymnasium.make("lanewise/Trap-v0", render_mode="rgb_array").unwrapped
+    with pytest.raises(ResetNeeded, match=r"nothing to render: call reset\(\) first"):
+        env.render()

@@ -8,7 +8,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import lanewise  # noqa: F401  # tells Gymnasium of the environments
-from lanewise.errors import SettingsError
+from lanewise.errors import LanewiseError, SettingsError
 
 COUNT, STEPS, SEED = 6, 90, 11
 SETTINGS = {"duration": 8.0}
@@ -147,3 +147,20 @@ def test_mistakes():
         env.step([4, 4, 4])
     with pytest.raises(ValueError, match="at least one"):
         env.reset(options={"reset_mask": np.zeros(3, bool)})
+
+
+def test_pictures_need_a_mode_and_an_episode():
+    assert gymnasium.make_vec("lanewise/Trap-v0", 2).render() is None
+    env = gymnasium.make_vec("lanewise/Trap-v0", 2, render_mode="rgb_array")
+    with pytest.raises(ResetNeeded, match=r"nothing to render: call reset\(\) first"):
+        env.render()
+
+
+@pytest.mark.parametrize(
+    ("seeds", "says"),
+    [([1, 2, 3], "3 seeds for 2 environments"), ([1, -1], "must be between 0")],
+)
+def test_seeds_that_make_no_sense(seeds, says):
+    env = gymnasium.make_vec("lanewise/Trap-v0", 2, **SETTINGS)
+    with pytest.raises(LanewiseError, match=says):
+        env.reset(seed=seeds)

@@ -170,3 +170,32 @@ def test_a_csv_is_read_back_to_the_same_episodes():
     for text in ("", "episode,success\n0,1\n", metrics.to_csv(first).replace("none", "nobody")):
         with pytest.raises(LanewiseError, match="damaged"):
             metrics.from_csv(text + "x")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("0,1,none,1.5", "1,1,none,1.5"),
+        ("0,1,none,1.5", "0,1,none,inf"),
+        ("1.5", ""),
+        ("4,", "4.0,"),
+    ],
+)
+def test_a_table_of_episodes_says_what_ours_say(old, new):
+    """Numbered from 0 on; whole numbers whole, and finite ones known and finite."""
+    one = Episodes(
+        success=np.array([True]),
+        accident=np.zeros(1, np.int8),
+        accumulated_reward=np.array([1.5]),
+        average_speed=np.array([2.0]),
+        travel_distance=np.array([3.0]),
+        duration=np.array([25.0]),
+        escape_time=np.array([np.nan]),
+        goals=np.array([4]),
+        goals_timed_out=np.array([0]),
+    )
+    text = metrics.to_csv(one)
+    assert metrics.from_csv(text).accumulated_reward.tolist() == [1.5]
+    assert old in text
+    with pytest.raises(LanewiseError, match="episodes are damaged"):
+        metrics.from_csv(text.replace(old, new, 1))

@@ -2,11 +2,12 @@
 
 import json
 import os
+import shutil
 
 import pytest
 import strangers_files
 
-from lanewise import config
+from lanewise import config, reading
 from lanewise.errors import CheckpointError, LanewiseError, RunError, SettingsError
 from lanewise.experiments import experiment, work
 from lanewise.runs import resume, trained, views
@@ -142,6 +143,33 @@ def test_a_test_from_before_is_held_against_its_episodes(place, tmp_path):
     assert work.read_test(tmp_path, "lanewise").summary.episodes == 40
     (tmp_path / "tests" / "lanewise.csv").write_text(table.replace(",25.0,", ",24.0,", 1))
     with pytest.raises(RunError, match="do not agree; delete it"):
+        work.read_test(tmp_path, "lanewise")
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"seconds": -1.0}, "is damaged; delete it"),
+        ({"seconds": 1e12}, "is damaged; delete it"),
+        ({"seconds": "3"}, "is damaged; delete it"),
+        ({"luck": 1}, "is damaged; delete it"),
+        ({"digest": None}, "is damaged; delete it"),
+        ({"summary": {"episodes": "40"}}, "is damaged; delete it"),
+        ({"summary": {"episodes": 40}}, "is damaged; delete it"),
+        ({"episodes_sha256": "0" * 64}, "was altered; delete it"),
+    ],
+)
+def test_a_stored_test_signed_anew_is_checked_all_the_same(place, tmp_path, change, says):
+    tests = tmp_path / "tests"
+    shutil.copytree(place / "whole" / "stored test" / "tests", tests)
+    stored = json.loads((tests / "lanewise.json").read_text()) | change
+    if stored["digest"] is None:
+        del stored["digest"]
+    else:
+        del stored["digest"]
+        stored["digest"] = reading.digest(stored)
+    (tests / "lanewise.json").write_text(json.dumps(stored))
+    with pytest.raises(RunError, match=says):
         work.read_test(tmp_path, "lanewise")
 
 
