@@ -104,10 +104,15 @@ class TestQuirks:
         assert int(ours.target_lane[1]) == int(theirs.target_lane[1]) == 2
 
     def test_no_change_below_walking_pace_but_the_timer_restarts(self, make_world):
-        world = make_world([-90, 0, 25], [1, 1, 1], [5, 0.9, 0], timer=[1, 2, 1], kinds=[0, 2, 1])
-        ours, theirs = both(world)
-        assert int(ours.target_lane[1]) == int(theirs.target_lane[1]) == 1
-        assert float(ours.timer[1]) == theirs.timer[1] == 0.1
+        """Nothing but its speed keeps the driver in its lane."""
+        for speed, changes in ((0.9, False), (1.1, True)):
+            world = make_world(
+                [-90, 0, 12], [1, 1, 1], [5, speed, 0], timer=[1, 2, 1], kinds=[0, 2, 1]
+            )
+            ours, theirs = both(world)
+            assert int(ours.target_lane[1]) == int(theirs.target_lane[1])
+            assert (int(ours.target_lane[1]) != 1) == changes
+            assert float(ours.timer[1]) == theirs.timer[1] == 0.1
 
     def test_deciders_parameters_judge_the_others(self, make_world):
         """A jumpy driver's own time gap does not count; the decider's does."""
