@@ -114,9 +114,10 @@ def test_seeds_differ_in_starts_weights_and_exploration():
 
 
 def test_worlds_of_a_stage_differ_from_one_another():
-    state, _ = run(0, 1)
-    positions = np.asarray(state.rollouts.episode.world.vehicles.x)
-    assert len(np.unique(positions[:, 1])) == 4
+    """In their first episodes, and in those begun since."""
+    for state in (stage.begin(COURSE, {}, jax.random.key(0)), run(0, 1)[0]):
+        positions = np.asarray(state.rollouts.episode.world.vehicles.x)
+        assert len(np.unique(positions[:, 1])) == 4
 
 
 def test_every_iteration_explores_anew():
