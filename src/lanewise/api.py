@@ -97,6 +97,7 @@ def train(
     high_level: Path | str | None = None,
     resume: bool = False,
     tensorboard: bool = False,
+    quiet: bool = False,
     **settings: Any,
 ) -> Path:
     """Train a controller into a run folder, as ``lanewise train`` does, with parts of one's own.
@@ -113,6 +114,7 @@ def train(
         resume: continue the run in the folder, to the same bits as if it had never stopped; it
             brings its own settings and seed.
         tensorboard: also write TensorBoard's events.
+        quiet: show no progress; warnings are still told.
         settings: any setting, named as for `lanewise.envs.functional.make`. Those of a TOML file
             are ``**tomllib.loads(text)``.
 
@@ -140,7 +142,7 @@ def train(
             if lender is not None:
                 trained.check_lender(lender, composed)
             folder = RunFolder.create(path, composed, controller, seed, parts.names())
-        with folder, Progress() as reporter:
+        with folder, Progress(quiet=quiet) as reporter:
             training.train(folder, lender, reporter, tensorboard=tensorboard, parts=parts)
     except OSError as error:
         place = error.filename or path
@@ -157,6 +159,7 @@ def evaluate(
     episodes: int = 300,
     seed: int = 0,
     batched: bool | None = None,
+    quiet: bool = False,
     **settings: Any,
 ) -> Evaluation:
     """Test a policy as the paper tests its controllers: greedy episodes from the test start.
@@ -175,6 +178,7 @@ def evaluate(
         episodes: number of test episodes.
         seed: of the starts.
         batched: whether a function takes batches; None finds out.
+        quiet: show no progress.
         settings: as of `lanewise.envs.functional.make`, such as ``duration``, ``parts`` and any
             setting of scenario and driving; a controller of ours brings its own settings, and
             wants the ``parts`` it was trained with.
@@ -190,11 +194,11 @@ def evaluate(
         raise SettingsError(f"episodes must be a whole number from 1 on, got {episodes!r}")
     seed = _seed(seed)
     if isinstance(policy, str | Path | Trained):
-        return _ours(policy, world, episodes, seed, settings)
+        return _ours(policy, world, episodes, seed, quiet, settings)
     course = _course(actions, settings)
     decide = policies.decider(policy, batched, course.shape)
     driver: Any = interop.twin_of_policies() if world == "highway-env" else outside
-    with Progress() as reporter:
+    with Progress(quiet=quiet) as reporter:
         reporter.stage(name, episodes)
         found = driver.test(course, decide, seed, episodes, reporter.update)
     return Evaluation(
@@ -215,7 +219,7 @@ def _seed(given: Any) -> int:
 
 
 def _ours(
-    policy: str | Path | Trained, world: str, episodes: int, seed: int, settings: Any
+    policy: str | Path | Trained, world: str, episodes: int, seed: int, quiet: bool, settings: Any
 ) -> Evaluation:
     """A controller of ours, with the settings of its own run."""
     parts = checked(settings.pop("parts", OURS))
@@ -224,7 +228,7 @@ def _ours(
             f"{next(iter(settings))}: a trained controller is tested with its own settings"
         )
     controller = policy if isinstance(policy, Trained) else trained.load(Path(policy), parts)
-    with Progress() as reporter:
+    with Progress(quiet=quiet) as reporter:
         found = testing.test(controller, world, episodes, seed, reporter)
     return Evaluation(
         episodes=found,

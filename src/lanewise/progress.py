@@ -25,6 +25,7 @@ class Progress:
         stream: TextIO | None = None,
         interval: float = 10.0,
         clock: Callable[[], float] = time.monotonic,
+        quiet: bool = False,
     ) -> None:
         """Prepares a reporter.
 
@@ -32,11 +33,13 @@ class Progress:
             stream: Where to write; standard error by default.
             interval: Least time between two plain lines, s.
             clock: Tells the time, s.
+            quiet: Whether to write notes alone.
         """
         self._stream = sys.stderr if stream is None else stream
         self._interval = interval
         self._clock = clock
-        self._bar = _make_bar(self._stream) if self._stream.isatty() else None
+        self._quiet = quiet
+        self._bar = _make_bar(self._stream) if self._stream.isatty() and not quiet else None
         self._task: TaskID | None = None
         self._name = ""
         self._total = 0.0
@@ -45,6 +48,8 @@ class Progress:
 
     def stage(self, name: str, total: float, done: float = 0.0) -> None:
         """Begins a stage that is complete at ``total``; a resumed one begins at ``done``."""
+        if self._quiet:
+            return
         self._name, self._total, self._first = name, total, done
         self._began = None
         self._last_line = self._clock()
@@ -59,6 +64,8 @@ class Progress:
 
     def update(self, done: float, **metrics: float) -> None:
         """Reports that ``done`` of the stage's total is complete, with a few figures."""
+        if self._quiet:
+            return
         figures = ", ".join(f"{k.replace('_', ' ')} {v:.4g}" for k, v in metrics.items())
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, completed=done, metrics=escape(figures))

@@ -1,5 +1,7 @@
 import io
 
+import pytest
+
 from lanewise.progress import Progress
 
 
@@ -73,3 +75,14 @@ def test_long_times_and_empty_stages():
         progress.update(0)
     assert "2 h 45 min left" in stream.getvalue()
     assert "b: 100%" in stream.getvalue()
+
+
+@pytest.mark.parametrize("kind", [io.StringIO, Terminal])
+def test_quiet_says_warnings_alone(kind):
+    stream = kind()
+    with Progress(stream, interval=0.0, quiet=True) as progress:
+        progress.stage("high level", 100)
+        progress.update(50, success_rate=0.5)
+        progress.note("a warning")
+        progress.update(100)
+    assert stream.getvalue() == "a warning\n"

@@ -80,9 +80,10 @@ def one_by_one(seen):
 
 
 @pytest.mark.parametrize("kind", ["batched", "one by one", "agent"])
-def test_the_same_as_our_own(ours, kind):
+def test_the_same_as_our_own(ours, kind, capsys):
     policy = {"batched": greedy("single_level"), "one by one": one_by_one, "agent": Agent()}[kind]
-    found = lanewise.evaluate(policy, episodes=EPISODES, name="mine")
+    found = lanewise.evaluate(policy, episodes=EPISODES, name="mine", quiet=kind == "agent")
+    assert ("mine: 100%" in capsys.readouterr().err) == (kind != "agent")
     alike(found.episodes, ours)
     assert found.summary.controller == "mine"
     expected = metrics.summarise(ours, controller="mine", world="lanewise")
