@@ -196,6 +196,18 @@ class TestQuirks:
             assert impacted is None or ours.impacted.tolist() == impacted
             assert ours.crashed.tolist() == crashed
 
+    def test_a_push_apart_is_a_crash_though_nothing_touches_any_more(self, make_world):
+        """One pulls out of the way of the other, a little too late."""
+        world = make_world(
+            [0.0, 5.5], [0, 0], [25.0, 5.0], kinds=[0, 1], y=[0.0, 1.9], heading=[0.0, 0.1]
+        )
+        world = change(world, x=[-2.4, 5.5])
+        for ticks, impacted, crashed in ((1, True, False), (2, False, True)):
+            ours, theirs = both(world, ticks)
+            assert_equal(ours, theirs, ("x", "y", "speed", "crashed", "impacted"))
+            assert ours.impacted.tolist() == [impacted] * 2
+            assert ours.crashed.tolist() == [crashed] * 2
+
     def test_last_impact_wins(self, make_world):
         world = make_world([0.0, 6.4, -6.4], [0, 0, 0], [25, 2, 39], kinds=[0, 1, 1])
         world = change(world, x=[-2.5, 6.4 - 0.2, -6.2 - 3.9])
@@ -220,6 +232,14 @@ class TestQuirks:
         np.testing.assert_allclose(ours.speed[0], 20 * 0.9**3)
         np.testing.assert_allclose(ours.heading, 0.1)
         np.testing.assert_allclose(ours.timer[1], 3.3)
+
+    def test_a_crashed_driver_keeps_a_lane_that_it_would_leave(self, make_world):
+        world = make_world([-90, 0, 14], [1, 1, 1], [5, 8, 2], timer=[1, 2, 1], kinds=[0, 2, 1])
+        for crashed in (False, True):
+            ours, theirs = both(change(world, crashed=[False, crashed, False]))
+            assert_equal(ours, theirs, ("x", "y", "speed", "target_lane"))
+            assert float(ours.timer[1]) == theirs.timer[1]
+            assert (int(ours.target_lane[1]) == 1) == crashed
 
     def test_absent_vehicles_influence_nothing(self, make_world):
         x, lane = [0.0, 15.0, 31.0], [0, 0, 1]
