@@ -51,38 +51,45 @@ def q_values(parameters: Parameters, features: jax.Array) -> jax.Array:
     Returns:
         [..., A], in the precision of the parameters.
     """
-    *hidden_layers, (last_weights, last_biases) = parameters
+    *hidden_layers, last_layer = parameters
     activation = features
     for weights, biases in hidden_layers:
-        activation = jax.nn.relu(_product(activation, weights) + biases)
-    return _product(activation, last_weights) + last_biases
+        activation = jax.nn.relu(_layer(activation, weights, biases))
+    return _layer(activation, *last_layer)
 
 
 @jax.custom_vjp
-def _product(features: jax.Array, weights: jax.Array) -> jax.Array:
-    """``features @ weights``, with a gradient that is the same on any number of cores.
+def _layer(features: jax.Array, weights: jax.Array, biases: jax.Array) -> jax.Array:
+    """``features @ weights + biases``, with a gradient that is the same on any number of cores.
 
-    The gradient of the weights is features^T @ delta. Given that transposed product, XLA sums over
-    the batch in parts whose number follows that of the threads, for some sizes of batch and layer,
-    and rounds otherwise for each (jaxlib 0.10.2; `tests/learning/test_cores.py` fails without
-    this). So the transposed features are made first.
+    The gradients of weights and biases, features^T @ delta and 1^T @ delta, are sums over the
+    batch. Left to itself XLA takes those sums in parts whose number follows that of the threads,
+    for some sizes of batch and layer that differ from processor to processor, and rounds otherwise
+    for each (jaxlib 0.10.2; `tests/learning/test_cores.py` fails without this). As products whose
+    left side has been made first they are summed in one way.
     """
-    return features @ weights
+    return features @ weights + biases
 
 
-def _product_forward(
-    features: jax.Array, weights: jax.Array
+def _layer_forward(
+    features: jax.Array, weights: jax.Array, biases: jax.Array
 ) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-    return features @ weights, (features, weights)
+    return features @ weights + biases, (features, weights)
 
 
-def _product_backward(
+def _layer_backward(
     given: tuple[jax.Array, jax.Array], delta: jax.Array
-) -> tuple[jax.Array, jax.Array]:
+) -> tuple[jax.Array, jax.Array, jax.Array]:
     features, weights = given
-    rows = features.reshape(-1, features.shape[-1])
-    transposed: jax.Array = jax.lax.optimization_barrier(rows.T)  # type: ignore[no-untyped-call]
-    return delta @ weights.T, transposed @ delta.reshape(-1, delta.shape[-1])
+    inputs, errors = (part.reshape(-1, part.shape[-1]) for part in (features, delta))
+    ones = jnp.ones((1, len(errors)), errors.dtype)
+    return delta @ weights.T, _made(inputs.T) @ errors, (_made(ones) @ errors)[0]
 
 
-_product.defvjp(_product_forward, _product_backward)
+def _made(array: jax.Array) -> jax.Array:
+    """The array as it is, made before and apart from what comes of it."""
+    same: jax.Array = jax.lax.optimization_barrier(array)  # type: ignore[no-untyped-call]
+    return same
+
+
+_layer.defvjp(_layer_forward, _layer_backward)
