@@ -8,9 +8,8 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
-from lanewise.bench import ratios, table
-from lanewise.bench.ratios import Ratio
-from lanewise.bench.task import Figure
+import speed_tables
+
 from lanewise.evaluation.metrics import Summary
 from lanewise.report import arms as tables
 from lanewise.report.arms import ArmFigures
@@ -63,18 +62,19 @@ def main() -> None:
 
 def pages() -> dict[Path, str]:
     """What each file must hold."""
-    standard = _read(STANDARD)
+    standard, bench = _read(STANDARD), _read(BENCH)
     readme = ROOT / "README.md"
     parts = (
         *(_summary(standard, _read(PAPER)), _outside(standard, _each(OUTSIDE))),
-        *(_beyond(_read(MAP)), _speed(_read(BENCH))),
+        *(_beyond(_read(MAP)), speed_tables.brief(bench, _machine(bench))),
     )
     examples = ROOT / "examples" / "README.md"
     speed = ROOT / "docs" / "speed.md"
+    every_speed = speed_tables.whole(bench, _machine(bench))
     before, after = (part for part in speed.read_text().split(MEASURED)[::2])
     return {
         readme: _between(readme.read_text(), BEGIN, END, "\n".join(parts)),
-        speed: before + MEASURED + "\n\n" + _every_speed(_read(BENCH)) + "\n" + MEASURED + after,
+        speed: before + MEASURED + "\n\n" + every_speed + "\n" + MEASURED + after,
         examples: _between(examples.read_text(), *EXAMPLES, _briefly(_each(BRIEFLY))),
         ROOT / "docs" / "results.md": _details(standard)
         + _paper(_read(PAPER))
@@ -337,49 +337,6 @@ def _hours(report: Any) -> float:
 
 def _machine(report: Any) -> str:
     return f"{report['machine']['cores']} cores of an {report['machine']['processor']}"
-
-
-def _speed(bench: Any) -> str:
-    """What the benchmark's figures say about one another, on all cores."""
-    lines = [
-        f"Speed on {_machine(bench)}, {bench['date'][:10]}, in one run "
-        f"(`{bench['command']}`); every figure, and what bounds it, is in "
-        "[docs/speed.md](docs/speed.md):",
-        "",
-        "| | | from |",
-        "|---|---:|---|",
-    ]
-    for ratio in _ratios(bench):
-        if "1 core," not in ratio.what or "decision of one world" in ratio.what:
-            lines.append(
-                f"| {ratio.what} | {table.number(ratio.value)} {ratio.unit} | {ratio.how} |"
-            )
-    return "\n".join(lines) + "\n"
-
-
-def _ratios(bench: Any) -> list[Ratio]:
-    return ratios.of(_measured(bench), bench["machine"]["cores"])
-
-
-def _measured(bench: Any) -> list[Figure]:
-    return [Figure(**figure) for figure in bench["figures"]]
-
-
-def _every_speed(bench: Any) -> str:
-    """Every figure of the benchmark, by part and case."""
-    versions = ", ".join(f"{name} {version}" for name, version in bench["versions"].items())
-    lines = [
-        f"`{bench['command']}`, {bench['date'][:10]}, on {_machine(bench)}; each measurement",
-        f"{bench['seconds']:g} s. {versions}.",
-        "",
-        "| part | case | who | figure | besides |",
-        "|---|---|---|---:|---|",
-    ]
-    for figure in _measured(bench):
-        besides = ", ".join(table.extras(figure))
-        value = f"{table.number(figure.value)} {figure.unit}"
-        lines.append(f"| {figure.part} | {figure.case} | {figure.subject} | {value} | {besides} |")
-    return "\n".join(lines) + "\n"
 
 
 def _readings(report: Any) -> str:

@@ -117,6 +117,19 @@ def _shuffled(found: Any) -> str:
     )
 
 
+def _costs(found: Any) -> str:
+    def share(cost: Any) -> str:
+        return f"{cost['ratio']:.2f} ({cost['least']:.2f} to {cost['most']:.2f})"
+
+    update, one, many = found["costs"].values()
+    return (
+        "speed as a share of that without, median and range of "
+        f"{update['turns']} turns: an update with a gradient that is the same on any number of "
+        f"cores {share(update)}, training with the look at its numbers {share(one)} in one world "
+        f"and {share(many)} in 32"
+    )
+
+
 def _gates(found: Any) -> str:
     return f"{found['seen_red']} of {found['gates']} gates seen green, then red"
 
@@ -134,6 +147,7 @@ SAYINGS: dict[str, Callable[[Any], str]] = {
     "coverage": _coverage,
     "shuffled": _shuffled,
     "gates": _gates,
+    "costs": _costs,
 }
 """By file in `results/trust`, what it says in one line."""
 

@@ -1,10 +1,12 @@
 """The pages say what the program does: settings, defaults, links, commands."""
 
-import importlib.util
 import re
 import shlex
 from pathlib import Path
 
+import make_results
+import make_settings
+import make_trust
 import pytest
 
 from lanewise import cli, config
@@ -21,22 +23,10 @@ PAGES = (
 SECTIONS = {name.split(".")[0] for name in config.kinds()}
 
 
-def script(name):
-    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def make_settings():
-    return script("make_settings")
-
-
 def test_results_come_from_the_stored_files():
-    for path, text in script("make_results").pages().items():
+    for path, text in make_results.pages().items():
         assert path.read_text() == text, f"{path.name}: run python docs/make_results.py"
-    trust = script("make_trust")
-    assert trust.PAGE.read_text() == trust.page(), "run python docs/make_trust.py"
+    assert make_trust.PAGE.read_text() == make_trust.page(), "run python docs/make_trust.py"
 
 
 def commands(page):
@@ -48,16 +38,16 @@ def commands(page):
 
 
 def test_settings_page_is_up_to_date():
-    assert (ROOT / "docs" / "settings.md").read_text() == make_settings().page()
+    assert (ROOT / "docs" / "settings.md").read_text() == make_settings.page()
 
 
 def test_the_readings_come_from_their_file():
-    assert (ROOT / "docs" / "paper.md").read_text() == make_settings().paper_page()
+    assert (ROOT / "docs" / "paper.md").read_text() == make_settings.paper_page()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_quoted_defaults_readings_and_metrics_are_up_to_date(page):
-    assert make_settings().up_to_date(page.read_text()) == page.read_text()
+    assert make_settings.up_to_date(page.read_text()) == page.read_text()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

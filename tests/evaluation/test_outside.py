@@ -131,8 +131,11 @@ def test_in_highway_env():
     assert "highway-env" in there.table(here)
 
 
-def test_a_controller_of_ours():
+def test_a_controller_of_ours(capsys):
     found = lanewise.evaluate("reference/rule-based", episodes=10)
+    assert "100%" in capsys.readouterr().err
+    lanewise.evaluate("reference/rule-based", episodes=10, quiet=True)
+    assert capsys.readouterr().err == ""
     assert len(found.episodes) == 10
     assert found.summary.controller == "rule-based"
     with pytest.raises(LanewiseError, match="its own settings"):

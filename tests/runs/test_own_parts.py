@@ -5,6 +5,7 @@ import pytest
 from test_train import FLAGS
 
 import lanewise
+from lanewise import api
 from lanewise.cli import main
 from lanewise.errors import LanewiseError, RunError, SettingsError
 from lanewise.runs import metrics
@@ -66,6 +67,19 @@ def test_it_is_not_mistaken_for_another(run, capsys, tmp_path):
         lanewise.evaluate("pretrained/single-level", parts=PARTS)
     with pytest.raises(RunError, match="finished"):
         lanewise.train(run, parts=PARTS, resume=True)
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_progress_is_told_unless_quiet_is_asked(tmp_path, monkeypatch, capsys, quiet):
+    def trained(folder, lender, reporter, **given):
+        reporter.stage("step 1", 10)
+        reporter.note("a warning")
+
+    monkeypatch.setattr(api.training, "train", trained)
+    lanewise.train(tmp_path / "run", quiet=quiet)
+    told = capsys.readouterr().err
+    assert "a warning" in told
+    assert ("step 1" in told) != quiet
 
 
 def test_mistakes_leave_nothing_behind(tmp_path):

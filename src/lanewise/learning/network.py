@@ -74,7 +74,7 @@ def _layer(features: jax.Array, weights: jax.Array, biases: jax.Array) -> jax.Ar
 def _layer_forward(
     features: jax.Array, weights: jax.Array, biases: jax.Array
 ) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-    return features @ weights + biases, (features, weights)
+    return _layer(features, weights, biases), (features, weights)
 
 
 def _layer_backward(

@@ -20,7 +20,7 @@ UPDATES = 100
 def prepare(
     inputs: int, outputs: int, seconds: float, seed: int = 0
 ) -> Callable[[], dict[str, Any]]:
-    """Fills a replay and compiles; the result updates for ``seconds``."""
+    """Fills a replay and compiles; the result updates for ``seconds``, called again it goes on."""
     settings = LearnerSettings()
     keys = jax.random.split(jax.random.key(seed), 3)
     memory = _filled(settings, keys[0], inputs, outputs)
@@ -43,10 +43,10 @@ def prepare(
     compiling = time.perf_counter() - began
 
     def measure() -> dict[str, Any]:
-        current, done = state, 0
-        began = time.perf_counter()
+        nonlocal state
+        done, began = 0, time.perf_counter()
         while time.perf_counter() - began < seconds:
-            current, loss = updates(current, memory, jax.random.fold_in(keys[2], done))
+            state, loss = updates(state, memory, jax.random.fold_in(keys[2], done))
             loss.block_until_ready()
             done += UPDATES
         return {

@@ -1,0 +1,50 @@
+"""Tables of the benchmark's stored figures, for ``make_results.py``."""
+
+from typing import Any
+
+from lanewise.bench import ratios, table
+from lanewise.bench.ratios import Ratio
+from lanewise.bench.task import Figure
+
+
+def brief(bench: Any, machine: str) -> str:
+    """What the benchmark's figures say about one another, on all cores."""
+    lines = [
+        f"Speed on {machine}, {bench['date'][:10]}, in one run "
+        f"(`{bench['command']}`); every figure, and what bounds it, is in "
+        "[docs/speed.md](docs/speed.md):",
+        "",
+        "| | | from |",
+        "|---|---:|---|",
+    ]
+    for ratio in _ratios(bench):
+        if "1 core," not in ratio.what or "decision of one world" in ratio.what:
+            lines.append(
+                f"| {ratio.what} | {table.number(ratio.value)} {ratio.unit} | {ratio.how} |"
+            )
+    return "\n".join(lines) + "\n"
+
+
+def _ratios(bench: Any) -> list[Ratio]:
+    return ratios.of(_measured(bench), bench["machine"]["cores"])
+
+
+def _measured(bench: Any) -> list[Figure]:
+    return [Figure(**figure) for figure in bench["figures"]]
+
+
+def whole(bench: Any, machine: str) -> str:
+    """Every figure of the benchmark, by part and case."""
+    versions = ", ".join(f"{name} {version}" for name, version in bench["versions"].items())
+    lines = [
+        f"`{bench['command']}`, {bench['date'][:10]}, on {machine}; each measurement",
+        f"{bench['seconds']:g} s. {versions}.",
+        "",
+        "| part | case | who | figure | besides |",
+        "|---|---|---|---:|---|",
+    ]
+    for figure in _measured(bench):
+        besides = ", ".join(table.extras(figure))
+        value = f"{table.number(figure.value)} {figure.unit}"
+        lines.append(f"| {figure.part} | {figure.case} | {figure.subject} | {value} | {besides} |")
+    return "\n".join(lines) + "\n"
