@@ -157,6 +157,6 @@ def _check_depth(value: Any) -> None:
 
 
 def _members(value: Any) -> Any:
-    if isinstance(value, Mapping):
+    if isinstance(value, dict):
         return value.values()
     return value if isinstance(value, list) else ()

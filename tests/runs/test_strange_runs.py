@@ -170,6 +170,15 @@ def test_a_stored_test_signed_anew_is_checked_all_the_same(place, tmp_path, chan
         work.read_test(tmp_path, "lanewise")
 
 
+def test_a_stored_test_is_no_larger_than_one_can_be(place, tmp_path):
+    """Millions of small things would be read for half a minute before anything is wrong with them."""
+    tests = tmp_path / "tests"
+    shutil.copytree(place / "whole" / "stored test" / "tests", tests)
+    (tests / "lanewise.json").write_text("[" + '{"a":[],"b":{}},' * 10_000 + "0]\n")
+    with pytest.raises(RunError, match=r"lanewise.json: too large: larger than 100000 bytes"):
+        work.read_test(tmp_path, "lanewise")
+
+
 HEAD = 'title = "t"\nepisodes = 1\nhighway_env_episodes = 0\n'
 
 

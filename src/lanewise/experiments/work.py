@@ -28,7 +28,8 @@ SETTINGS = "settings.toml"
 """What a reference driver was tested with; a training has its own in its run folder."""
 TESTS = "tests"
 """Folder of a run that holds its tests."""
-_LARGEST_TEST = 64_000_000
+_LARGEST_TABLE, _LARGEST_SUMMARY = 64_000_000, 100_000
+"""Bytes of a test's episodes and of what is said of them."""
 _LONGEST = 1e9
 """Seconds of a test, 30 years."""
 _FIELDS = {"summary", "seconds", "episodes_sha256", "digest"}
@@ -139,7 +140,7 @@ def read_test(path: Path, world: str) -> Test | None:
         return None
     stored = _read(file)
     table = file.with_suffix(".csv")
-    content = _contents(table)
+    content = _contents(table, _LARGEST_TABLE)
     # Tests from before the digest was remembered lack it.
     if _sha256(content) != stored.get("episodes_sha256", _sha256(content)):
         raise RunError(f"{table} was altered{_AGAIN}")
@@ -184,7 +185,7 @@ def _store(path: Path, name: str, world: str, episodes: Episodes, seconds: float
 
 def _read(file: Path) -> dict[str, Any]:
     try:
-        stored: dict[str, Any] = reading.json_value(_contents(file))
+        stored: dict[str, Any] = reading.json_value(_contents(file, _LARGEST_SUMMARY))
         counts = type(stored["summary"]["episodes"]) is int
         if not counts or type(stored["seconds"]) not in (int, float):
             raise ValueError("no numbers")
@@ -205,8 +206,8 @@ def _sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def _contents(file: Path) -> bytes:
+def _contents(file: Path, largest: int) -> bytes:
     try:
-        return reading.contents(file, _LARGEST_TEST, links=False)
+        return reading.contents(file, largest, links=False)
     except reading.UnreadableError as error:
         raise RunError(f"cannot read {file}: {error}{_AGAIN}") from error
