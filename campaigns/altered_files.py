@@ -136,7 +136,9 @@ def judge(target, folder, whole, touched, found):
     if touched:
         return "touched"
     if outcome == "loaded":
-        return "loaded altered" if _kind_of_load(target, said, whole) == "altered" else ""
+        return {"altered": "loaded altered", "not finite": "loaded what is not finite"}.get(
+            _kind_of_load(target, said, whole), ""
+        )
     if outcome != "refused":
         return outcome
     if cpu > SECONDS:
@@ -160,11 +162,14 @@ def one(place, number, seed, wholes):
         return None
     before = state_of(folder)
     found = measure(target, folder)
-    problem = judge(target, folder, wholes[target.name], before != state_of(folder), found)
+    whole = wholes[target.name] | {
+        "cut": is_cut(folder / name, place / "whole" / target.name / name)
+    }
+    problem = judge(target, folder, whole, before != state_of(folder), found)
     outcome, said, cpu, wall, megabytes = found
     if outcome == "loaded":
         said = "" if not problem else said[:2000]
-        outcome = _kind_of_load(target, found[1], wholes[target.name])
+        outcome = _kind_of_load(target, found[1], whole)
     return {
         "number": number,
         "target": target.name,
@@ -179,6 +184,14 @@ def one(place, number, seed, wholes):
     }
 
 
+def is_cut(file, original):
+    """Whether of an altered file's whole lines the original begins with all."""
+    if not file.is_file() or file.stat().st_size > original.stat().st_size:
+        return False
+    lines = file.read_bytes().rpartition(b"\n")
+    return original.read_bytes().startswith(lines[0] + lines[1])
+
+
 def is_beginning(target, said, whole):
     """Whether a journal was loaded up to some line, as if a kill had cut the rest."""
     if target.name != "journal of a sweep":
@@ -188,15 +201,16 @@ def is_beginning(target, said, whole):
 
 
 def _kind_of_load(target, said, whole):
-    """What a file that was loaded is: only ``altered`` should not have been."""
+    """What a file that was loaded is: ``altered`` and ``not finite`` should not have been."""
     if said == whole["whole"]:
         return "same"
     if not target.signed:
-        return "valid by hand"
+        # JSON's own words for what Python holds.
+        return "not finite" if re.search(r"\b(NaN|Infinity)\b", said) else "valid by hand"
     if said == whole["other"]:
         # Of a mixture, the list of an archive's members decides: nothing of the first is left.
         return "the other"
-    return "beginning" if is_beginning(target, said, whole["whole"]) else "altered"
+    return "beginning" if whole["cut"] and is_beginning(target, said, whole["whole"]) else "altered"
 
 
 def block(place, first, last, seed, guarded=True):

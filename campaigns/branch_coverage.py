@@ -26,7 +26,7 @@ COUNTS = ("num_statements", "missing_lines", "num_branches", "missing_branches")
 def measure(tests, work, processes):
     """Run tests under coverage, and return coverage's report as JSON has it."""
     work.mkdir(parents=True, exist_ok=True)
-    for old in work.glob(".coverage*"):
+    for old in (*work.glob(".coverage*"), *work.glob("coverage.json")):
         old.unlink()
     environment = os.environ | {
         "COVERAGE_FILE": str(work / ".coverage"),
@@ -41,8 +41,8 @@ def measure(tests, work, processes):
     failed = coverage("run", "-m", "pytest", *options, "-n", processes, *tests)
     if failed:
         raise SystemExit("the tests failed; what they cover says nothing")
-    coverage("combine", "-q")
-    coverage("json", "-q", "-o", work / "coverage.json")
+    if coverage("combine", "-q") or coverage("json", "-q", "-o", work / "coverage.json"):
+        raise SystemExit("coverage cannot make a report of what it has seen")
     return json.loads((work / "coverage.json").read_text())
 
 

@@ -98,6 +98,11 @@ class Record:
         """What is known of a fault, or None."""
         return self.known.get(self.key(fault))
 
+    def knows(self, fault, seconds):
+        """Whether there is nothing more to find out: a time-out may be another with more time."""
+        entry = self.find(fault)
+        return entry is not None and (entry["outcome"] != TIMED_OUT or seconds <= entry["seconds"])
+
     def add(self, fault, outcome, answer):
         """Remember an outcome at once, so that nothing done is done again."""
         entry = {"key": self.key(fault), "name": fault.name, "outcome": outcome}
@@ -151,8 +156,9 @@ def campaign(faults, tree, runner, kept, reporter, seconds):
     Raises:
         CampaignError: a test fails without any fault.
     """
-    left = [fault for fault in in_turn(faults) if kept.find(fault) is None]
-    sound = {kept.find(fault)["by"] for fault in faults if kept.find(fault)}
+    left = [fault for fault in in_turn(faults) if not kept.knows(fault, seconds)]
+    # Anew each time: a test may have begun to fail since for another reason.
+    sound = set()
     reporter.stage("faults", len(faults), len(faults) - len(left))
     tally = Counter()
     for number, fault in enumerate(left, start=1):
@@ -213,12 +219,14 @@ def main():
         raise SystemExit("\n".join(wrong))
     if arguments.only:
         faults = [f for f in faults if {f.area, f.name} & set(arguments.only)]
-    arguments.work.mkdir(parents=True, exist_ok=True)
-    tree = arguments.work / "tree"
+    # As an absolute path, as the tests run in another folder, the copy.
+    work = arguments.work.resolve()
+    work.mkdir(parents=True, exist_ok=True)
+    tree = work / "tree"
     copy_tree(ROOT, tree)
-    kept = Record(arguments.work / "outcomes.jsonl", tree)
+    kept = Record(work / "outcomes.jsonl", tree)
     try:
-        with Progress() as reporter, Runner(tree, arguments.work.resolve()) as runner:
+        with Progress() as reporter, Runner(tree, work) as runner:
             campaign(faults, tree, runner, kept, reporter, arguments.seconds)
     except CampaignError as error:
         raise SystemExit(f"the campaign stopped: {error}") from error

@@ -19,8 +19,8 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+import record
 from learner_reference import Reference
-from record import store
 
 from lanewise import config
 from lanewise.learning import learner, network
@@ -118,7 +118,7 @@ def compare(settings, rows, actions, updates=UPDATES, seed=0, tell=lambda done: 
             tell(number)
         assert state.online[0][0].dtype == np.float64
         return {
-            "loss": max(abs(a - b) / abs(b) for a, b in zip(losses, reference.losses, strict=True)),
+            "loss": float(np.max(np.abs(np.divide(losses, reference.losses) - 1.0))),
             "online": _error(state.online, reference.online),
             "target": _error(state.target, reference.target),
             "smallest_margin": min(reference.margins),
@@ -131,12 +131,21 @@ def _double(leaf):
 
 
 def _error(ours, theirs):
-    """Over all arrays, the largest difference over the largest number."""
-    return max(
-        float(np.abs(np.asarray(a) - b).max() / np.abs(b).max())
+    """Over all arrays, the largest difference over the largest number; NaN if there is any."""
+    errors = [
+        np.abs(np.asarray(a) - b).max() / np.abs(b).max()
         for ours_of, theirs_of in zip(ours, theirs, strict=True)
         for a, b in zip(ours_of, theirs_of, strict=True)
-    )
+    ]
+    return float(np.max(errors))
+
+
+def worst_of(row):
+    """The largest error of a comparison; NaN, which is within no limit, if there is any.
+
+    Python's own ``max`` would pass over NaN.
+    """
+    return float(np.max([row["loss"], row["online"], row["target"]]))
 
 
 def measure(preset, of_stage, options, reporter):
@@ -155,7 +164,7 @@ def measure(preset, of_stage, options, reporter):
             row = compare(
                 shape, driven[name], actions, options.updates, options.seed, reporter.update
             )
-            worst = max(row["loss"], row["online"], row["target"])
+            worst = worst_of(row)
             reporter.note(f"{label}: {worst:.1e}")
             about = {"preset": preset, "stage": of_stage.name, "level": name, "change": change}
             found.append(
@@ -176,46 +185,50 @@ def _inputs(rows):
 
 
 def main():
+    """Compare, store what came of it, and tell by the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--updates", type=int, default=UPDATES)
     parser.add_argument("--hidden", type=int, nargs="+", default=[512, 512])
     parser.add_argument("--presets", nargs="+", default=["quick", "paper", "ranges"])
     parser.add_argument("--only", nargs="+", help="names of stages")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--work", type=Path, default=record.ROOT / "build")
     parser.add_argument("--out", type=Path, default=Path("results/trust/learner.json"))
     options = parser.parse_args()
-    rows = stored(options)
+    kept = Kept(options.work / "learner.json", options)
+    rows = []
     with Progress() as reporter:
         for preset, of_stage in product(options.presets, STAGES):
-            done = any((preset, of_stage.name) == (row["preset"], row["stage"]) for row in rows)
-            if done or (options.only and of_stage.name not in options.only):
+            if options.only and of_stage.name not in options.only:
                 continue
-            rows += measure(preset, of_stage, options, reporter)
-            keep(rows, options)
-    worst = max(row["worst"] for row in rows)
+            rows += kept.get(
+                f"{preset} {of_stage.name}",
+                partial(measure, preset, of_stage, options, reporter),
+            )
+    worst = float(np.max([row["worst"] for row in rows]))
+    figures = {"updates": options.updates, "hidden": options.hidden, "limit": LIMIT}
+    record.store(options.out, figures | {"worst": worst, "rows": rows}, options.seed, ("optax",))
     print(f"{len(rows)} learners, {options.updates} updates each: largest error {worst:.1e}")
-    return int(worst > LIMIT)
+    return int(not worst <= LIMIT)
 
 
-def stored(options):
-    """Rows that an earlier, unfinished command with the same numbers has left."""
-    if not options.out.exists():
-        return []
-    found = json.loads(options.out.read_text())
-    same = ("updates", "hidden", "seed")
-    return found["rows"] if all(found[name] == getattr(options, name) for name in same) else []
+class Kept:
+    """Rows on disk by preset and stage, as long as all that they depend on is what it was."""
 
+    def __init__(self, path, options):
+        numbers = (options.updates, options.hidden, options.seed)
+        self.path = path
+        self.state = record.state(numbers, within=("src", "campaigns"), packages=("optax",))
+        known = json.loads(path.read_text()) if path.exists() else {}
+        self.rows = known["rows"] if known.get("state") == self.state else {}
 
-def keep(rows, options):
-    """Write what there is."""
-    figures = {
-        "updates": options.updates,
-        "hidden": options.hidden,
-        "limit": LIMIT,
-        "worst": max(row["worst"] for row in rows),
-        "rows": rows,
-    }
-    store(options.out, figures, options.seed, ("optax",))
+    def get(self, name, make):
+        """The rows of a name, made and kept if there are none yet."""
+        if name not in self.rows:
+            self.rows[name] = make()
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.path.write_text(json.dumps({"state": self.state, "rows": self.rows}))
+        return self.rows[name]
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ that. A stopped campaign continues.
 """
 
 import argparse
-import hashlib
 import json
 import os
 import subprocess
@@ -98,17 +97,8 @@ def share_out(cost, turn, budget):
     return files, turn
 
 
-def digest(root=ROOT):
-    """Of all that the outcomes depend on."""
-    total = hashlib.sha256()
-    for folder in ("src", "tests"):
-        for path in sorted((root / folder).rglob("*.py")):
-            total.update(path.read_bytes())
-    return total.hexdigest()
-
-
 class Kept:
-    """Runs on disk, one a line, as long as sources and tests are what they were."""
+    """Runs on disk, one a line, as long as all that they depend on is what it was."""
 
     def __init__(self, path, state):
         self.path, self.state = path, state
@@ -184,8 +174,8 @@ def main():
     work.mkdir(parents=True, exist_ok=True)
     within = tuple(arguments.only) or ("tests",)
     tests = {test: kinds for test, kinds in select().items() if test.startswith(within)}
-    kept = Kept(work / "runs.jsonl", f"{digest()} {within}")
     budget = float("inf") if arguments.all else arguments.budget
+    kept = Kept(work / "runs.jsonl", record.state(within, budget, packages=("pytest",)))
     seeds = range(arguments.seed, arguments.seed + arguments.runs)
     with Progress() as reporter:
         found = figures(tests, *campaign(tests, kept, work, seeds, budget, reporter))

@@ -64,10 +64,12 @@ def _sameness(found: Any) -> str:
 
 
 def _soak(found: Any) -> str:
+    first, *rest = (each["largest_memory_mib"] for each in found["rounds"])
     return (
         f"{len(found['rounds'])} reproductions in {found['minutes']} min, stopped "
-        f"{sum(found['stops'].values())} times: {len(found['differences'])} files differ, largest "
-        f"memory {found['memory_growth']} times that of the first"
+        f"{sum(found['stops'].values())} times: {len(found['differences'])} files differ; memory "
+        f"of each at most {first:,} MiB in the first, which compiles, {', '.join(map(str, rest))} "
+        "in the others"
     )
 
 
@@ -75,7 +77,9 @@ def _altered(found: Any) -> str:
     return (
         f"{found['altered']:,} altered files: {found['refused']:,} refused, "
         f"{found['same_as_whole']} mean the same and loaded the same, "
-        f"{found['altered'] - found['refused'] - found['same_as_whole']} are other whole files; "
+        f"{found['whole_beginning_of_a_journal']} are journals cut short, as a kill leaves them, "
+        f"{found['another_valid_file_by_hand'] + found['the_other_whole_policy']} are other whole "
+        "files; "
         f"{found['problem_count']} problems; at most {found['slowest_cpu_s']} s of CPU and "
         f"{found['most_memory_mb']} MB"
     )
@@ -125,8 +129,8 @@ def _costs(found: Any) -> str:
     return (
         "speed as a share of that without, median and range of "
         f"{update['turns']} turns: an update with a gradient that is the same on any number of "
-        f"cores {share(update)}, training with the look at its numbers {share(one)} in one world "
-        f"and {share(many)} in 32"
+        f"cores {share(update)}, training of an update a step with the look at its numbers "
+        f"{share(one)} in one world and {share(many)} in 32"
     )
 
 

@@ -1,5 +1,8 @@
 """Altered files are refused: everything the campaign knows to do, once to each kind of file."""
 
+import json
+from types import SimpleNamespace
+
 import altered_files
 import altering
 import forging
@@ -34,7 +37,7 @@ def test_messages_say_what_is_wrong(rows):
     assert len(kinds) > 40
 
 
-WHOLE = {"whole": "what it should be", "other": None}
+WHOLE = {"whole": "what it should be", "other": None, "cut": False}
 
 
 class Careless:
@@ -61,6 +64,37 @@ def test_a_careless_loader_is_found_out(tmp_path, load, problem):
     found = altered_files.measure(target, tmp_path)
     touched = altered_files.state_of(tmp_path) != before
     assert altered_files.judge(target, tmp_path, WHOLE, touched, found) == problem
+
+
+def test_a_journal_is_loaded_up_to_where_it_was_cut_and_no_other_way(tmp_path):
+    journal = SimpleNamespace(name="journal of a sweep", signed=True)
+    whole = {"whole": json.dumps([0, [1, 2, 3]]), "other": None}
+    original, file = tmp_path / "original", tmp_path / "file"
+    original.write_bytes(b"one\ntwo\nthree\n")
+    for text, cut in (
+        (b"one\ntwo\nthr", True),
+        (b"one\n", True),
+        (b"", True),
+        (b"one\ntwX\n", False),
+        (b"two\n", False),
+        (b"one\ntwo\nthree\nfour\n", False),
+    ):
+        file.write_bytes(text)
+        assert altered_files.is_cut(file, original) == cut
+        loaded = ("loaded", json.dumps([0, [1]]), 0.0, 0.0, 0.0)
+        problem = altered_files.judge(journal, tmp_path, whole | {"cut": cut}, False, loaded)
+        assert problem == ("" if cut else "loaded altered")
+
+
+def test_what_is_written_by_hand_may_say_anything_finite(tmp_path):
+    by_hand = SimpleNamespace(name="settings by hand", signed=False)
+    for said, problem in (
+        ({"speed": 1.0}, ""),
+        ({"speed": float("nan")}, "loaded what is not finite"),
+        ({"speed": [-float("inf")]}, "loaded what is not finite"),
+    ):
+        loaded = ("loaded", json.dumps(said), 0.0, 0.0, 0.0)
+        assert altered_files.judge(by_hand, tmp_path, WHOLE, False, loaded) == problem
 
 
 def refuse(folder, seconds=0.0, megabytes=0):

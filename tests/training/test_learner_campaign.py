@@ -34,7 +34,7 @@ def rows():
 def test_a_thousand_updates_of_the_single_level_controller(rows, change):
     how = replace(QUICK.single_level.learner, hidden=(24, 24), **learner.CHANGES[change])
     found = learner.compare(how, rows, 9, updates=1000)
-    assert max(found["loss"], found["online"], found["target"]) <= learner.LIMIT
+    assert learner.worst_of(found) <= learner.LIMIT
     assert found["last_loss"] > 0.0
 
 
@@ -43,8 +43,18 @@ def test_stored():
     stored = json.loads((ROOT / "results" / "trust" / "learner.json").read_text())
     assert stored["updates"] >= learner.UPDATES
     assert stored["rows"]
-    worst = max(max(row["loss"], row["online"], row["target"]) for row in stored["rows"])
-    assert worst == stored["worst"] <= stored["limit"] == learner.LIMIT
+    worst = [learner.worst_of(row) for row in stored["rows"]]
+    assert np.max(worst) == stored["worst"] <= stored["limit"] == learner.LIMIT
+
+
+@pytest.mark.parametrize("name", ["loss", "online", "target"])
+def test_what_is_no_number_is_beyond_the_limit(name):
+    row = {"loss": 1e-14, "online": 1e-14, "target": 1e-14}
+    assert learner.worst_of(row) <= learner.LIMIT
+    assert not learner.worst_of(row | {name: np.nan}) <= learner.LIMIT
+    layers = [[np.ones((2, 2)), np.ones(2)], [np.ones((2, 2)), np.ones(2)]]
+    broken = [layers[0], [layers[1][0], np.array([1.0, np.nan])]]
+    assert not learner._error(broken, layers) <= learner.LIMIT
 
 
 @pytest.mark.slow
@@ -68,7 +78,7 @@ def test_both_levels_of_h_dqn():
     for name, how in recipe.learning(QUICK, of_stage):
         small = replace(how.learner, hidden=(24, 24))
         found = learner.compare(small, driven[name], 9, updates=1000)
-        assert max(found["loss"], found["online"], found["target"]) <= learner.LIMIT
+        assert learner.worst_of(found) <= learner.LIMIT
     assert driven["high_level"].shape[1] == 2 * 26 + 3
     assert driven["low_level"].shape[1] == 2 * 28 + 3
     assert len(driven["high_level"]) < len(driven["low_level"])
