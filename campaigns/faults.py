@@ -218,6 +218,8 @@ def main():
     if wrong:
         raise SystemExit("\n".join(wrong))
     if arguments.only:
+        if unknown := set(arguments.only) - {word for f in faults for word in (f.area, f.name)}:
+            parser.error(f"no area and no fault is called {', '.join(sorted(unknown))}")
         faults = [f for f in faults if {f.area, f.name} & set(arguments.only)]
     # As an absolute path, as the tests run in another folder, the copy.
     work = arguments.work.resolve()

@@ -8,6 +8,7 @@ Needs the extras `test` and `docs`.
 
 import argparse
 import os
+import re
 import subprocess
 import sys
 import time
@@ -66,6 +67,14 @@ def page(name, test, file, old, new, says):
     return Gate(f"pages: {name}", command, file, old, new, says)
 
 
+def locked():
+    """The first package of the locked versions, with the hashes of its files."""
+    lines = (ROOT / "requirements" / "ci.txt").read_text().splitlines()
+    lines = [line for line in lines if not line.startswith("#")]
+    last = next(number for number, line in enumerate(lines) if not line.endswith("\\"))
+    return "\n".join(lines[: last + 1]) + "\n"
+
+
 GATES = (
     Gate("tests", f"python -m pytest {TESTS}", TESTS, "    assert True\n", FAILING,
          "1 failed", PASSING),
@@ -107,6 +116,13 @@ GATES = (
          "\n```sh\nlanewise train --no-such-flag 3\n```\n", "no-such-flag"),
     page("results", "results_come_from", "docs/results.md", "", "\nA hundred per cent.\n",
          "run python docs/make_results.py"),
+    # Nothing is installed: the file is fetched and held against its hash, and that is all.
+    Gate("hashes", "pip install --require-hashes -q --dry-run -I --no-deps -r one.txt",
+         "one.txt", locked(), re.sub("sha256:.{8}", "sha256:00000000", locked()),
+         "DO NOT MATCH THE HASHES", locked()),
+    Gate("requirements of packages", "pip check", "src/gate-1.0.dist-info/METADATA", "",
+         "Requires-Dist: no-such-package\n", "gate 1.0 requires no-such-package",
+         "Metadata-Version: 2.1\nName: gate\nVersion: 1.0\n"),
     Gate("list of faults", "python -m pytest tests/campaigns/test_faults.py -k whole",
          "src/lanewise/learning/targets.py", "return target - q_values[action]",
          "return -(q_values[action] - target)", "its old text stands 0 times"),
@@ -149,6 +165,7 @@ def try_gate(gate, tree, seen_green=frozenset()):
     before = path.read_text() if path.exists() else None
     good = before if gate.good is None else gate.good
     try:
+        path.parent.mkdir(exist_ok=True)
         path.write_text(good)
         green, wrong = gate.good is None and gate.command in seen_green, ""
         if not green:
@@ -177,6 +194,8 @@ def main():
     parser.add_argument("--work", type=Path, default=ROOT / "build" / "gates")
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "trust" / "gates.json")
     arguments = parser.parse_args()
+    if unknown := set(arguments.only or ()) - {gate.name for gate in GATES}:
+        parser.error(f"no gate is called {', '.join(sorted(unknown))}")
     gates = [gate for gate in GATES if not arguments.only or gate.name in arguments.only]
     tree = arguments.work.resolve() / "tree"
     copy_tree(ROOT, tree)

@@ -29,6 +29,15 @@ def test_code_runs(page, tmp_path, monkeypatch):
         exec(compile(before + block[1], str(page), "exec"), names)
 
 
+def test_blocks_that_make_our_environments_import_what_registers_them():
+    """Here something has imported it already; in a reader's new interpreter nothing has."""
+    for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")):
+        for block in BLOCK.findall(page.read_text()):
+            # A block that begins with Gymnasium stands alone; others go on from one before.
+            if "import gymnasium" in block and '("lanewise/' in block:
+                assert re.search(r"^(import|from) lanewise", block, re.MULTILINE), page.name
+
+
 def test_no_block_is_left_out():
     fences = re.compile(r"^\s*```\s*(?:python|py)\b", re.MULTILINE)
     for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")):

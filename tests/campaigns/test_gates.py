@@ -18,6 +18,9 @@ def test_every_check_of_ci_is_a_gate():
         r'"((?:python -m pytest|python -m sphinx|python campaigns|ruff|mypy|lint)[^"]*)"', script
     )
     assert len(checks) >= 7
+    assert script.count('/pip" install -q --require-hashes -r requirements/ci.txt') == 1
+    assert script.count('/pip" check') == 1
+    checks += ["pip install --require-hashes", "pip check"]
     known = [gate.command for gate in gates.GATES]
     missing = [check for check in checks if not any(command.startswith(check) for command in known)]
     # The examples' gate names the one file that it needs.

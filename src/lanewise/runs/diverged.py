@@ -22,7 +22,7 @@ from lanewise.version import __version__
 
 FOLDER, BEFORE, FOUND = "diverged", "before", "found.json"
 RATE = "a lower learner.learning_rate of {level} may help, in a new run"
-OWN = "mend the function that {does}, then --resume goes on before it"
+OWN = "mend the function that {does}, then resuming goes on before it"
 ADVICE = {
     "observation": OWN.format(does="observes or makes the start"),
     "reward": OWN.format(does="rewards"),
