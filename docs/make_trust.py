@@ -111,7 +111,10 @@ def _faults(found: Any) -> str:
 
 
 def _coverage(found: Any) -> str:
-    return f"tests take {100 * found['share_of_branches']:.1f} % of the package's branches"
+    return (
+        f"tests take {100 * found['share_of_branches']:.1f} % of the package's "
+        f"{found['num_branches']:,} branches, workers of `bench` for peers left out"
+    )
 
 
 def _shuffled(found: Any) -> str:
