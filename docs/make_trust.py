@@ -22,17 +22,17 @@ def main() -> None:
 def page() -> str:
     """What the page must hold."""
     text = PAGE.read_text()
-    rows = [row for name, say in SAYINGS.items() if (row := _row(name, say))]
+    rows = [_row(name, say) for name, say in SAYINGS.items()]
     table = "\n".join(["| command | when | what came out |", "|---|---|---|", *rows])
     head, rest = text.split(BEGIN)
     return f"{head}{BEGIN}\n\n{table}\n\n{END}{rest.split(END)[1]}"
 
 
 def _row(name: str, say: Callable[[Any], str]) -> str:
-    """A campaign's row; none where no result is stored."""
+    """A campaign's row."""
     path = RESULTS / f"{name}.json"
     if not path.exists():
-        return ""
+        return f"| {name} | - | not run to its end yet |"
     found = json.loads(path.read_text())
     return f"| `{found['command']}` | {found['date'][:10]} | {say(found)} |"
 
