@@ -28,8 +28,8 @@ COUNTS = ("num_statements", "missing_lines", "num_branches", "missing_branches")
 def measure(tests, work, processes):
     """Run tests under coverage, and return coverage's report as JSON has it."""
     work.mkdir(parents=True, exist_ok=True)
-    for old in (*work.glob(".coverage*"), *work.glob("coverage.json")):
-        old.unlink()
+    for old in (*work.glob(".coverage*"), work / "coverage.json"):
+        old.unlink(missing_ok=True)
     environment = os.environ | {
         "COVERAGE_FILE": str(work / ".coverage"),
         "COVERAGE_RCFILE": str(ROOT / "pyproject.toml"),

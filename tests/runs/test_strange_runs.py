@@ -171,7 +171,7 @@ def test_a_stored_test_signed_anew_is_checked_all_the_same(place, tmp_path, chan
 
 
 def test_a_stored_test_is_no_larger_than_one_can_be(place, tmp_path):
-    """Millions of small things would take many seconds to be read and refused."""
+    """Millions of small things would be read one by one before they are refused."""
     tests = tmp_path / "tests"
     shutil.copytree(place / "whole" / "stored test" / "tests", tests)
     (tests / "lanewise.json").write_text("[" + '{"a":[],"b":{}},' * 10_000 + "0]\n")
