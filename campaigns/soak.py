@@ -2,9 +2,9 @@
 
 python campaigns/soak.py --minutes 60 --out results/trust/soak.json
 
-One reproduction runs to its end undisturbed. The others are stopped again and again, by Ctrl-C, by
-SIGTERM or by SIGKILL of every process at once, and started again by the same command until they are
-done. What each ends with (controllers, metrics, tests, and the report without its times) must be
+One reproduction runs to its end undisturbed. The others are stopped again and again, by Ctrl-C or
+SIGKILL of every process at once, or by SIGTERM of all or of the first alone, and started again by the
+same command until they are done. What each ends with (controllers, metrics, tests, and the report without its times) must be
 the same bytes. Meanwhile the memory of every process is watched: later reproductions must not take
 more than earlier ones. (The first, which compiles what the others find, takes most.)
 """
@@ -27,7 +27,12 @@ import record
 from lanewise.progress import duration
 
 RESULTS = ("controller.safetensors", "metrics.jsonl", "episodes.csv", "chunks.csv", "tests/*.csv")
-WAYS = {"SIGINT": signal.SIGINT, "SIGTERM": signal.SIGTERM, "SIGKILL": signal.SIGKILL}
+WAYS = {
+    "SIGINT": signal.SIGINT,
+    "SIGTERM": signal.SIGTERM,
+    "SIGTERM to the first": signal.SIGTERM,
+    "SIGKILL": signal.SIGKILL,
+}
 TIMES = {"seconds", "test_seconds", "date", "command", "times"}
 """Fields of a report that may differ."""
 GROWTH = 1.1
@@ -90,8 +95,9 @@ class Watched:
         return False
 
     def stop(self, way):
-        """Send a signal to all its processes, and wait until they are gone."""
-        for member in self._members():
+        """Send a signal to its processes, and wait until they are gone."""
+        members = [self._process.pid] if way == "SIGTERM to the first" else self._members()
+        for member in members:
             try:
                 os.kill(member, WAYS[way])
             except ProcessLookupError:

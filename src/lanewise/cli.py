@@ -5,10 +5,13 @@ Imports no JAX, so that ``--help`` and a refused setting answer at once.
 
 import os
 import shlex
+import signal
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any
+from contextlib import suppress
+from typing import Any, TextIO
 
+from lanewise import signals
 from lanewise.commands import (
     bench,
     compare,
@@ -20,7 +23,7 @@ from lanewise.commands import (
     train,
     watch,
 )
-from lanewise.commands.arguments import Parsed, parse
+from lanewise.commands.arguments import Parsed, parse, without_settings
 from lanewise.errors import LanewiseError, SettingsError, brief, printable
 from lanewise.names import look_up
 from lanewise.version import __version__
@@ -62,25 +65,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs ``lanewise`` and returns its exit code.
 
     0 done, 1 a measurement of ``bench`` failed, ``doctor`` found something broken or ``export`` a
-    decision that differs, 2 refused, 130 interrupted.
+    decision that differs, 2 refused, 130 interrupted, by Ctrl-C or SIGTERM.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        code = _dispatch(words)
+        with signals.heard(signal.SIGTERM, signal.default_int_handler):
+            code = _dispatch(words)
         # Written here, where a closed pipe or a full disk can still be caught.
         sys.stdout.flush()
         return code
     except LanewiseError as error:
         return _refuse(str(error))
     except KeyboardInterrupt:
-        sys.stderr.write(f"\nlanewise: interrupted{_how_to_resume(words)}\n")
+        _tell(f"\nlanewise: interrupted{_how_to_resume(words)}\n")
+        _abandon(sys.stdout)
         return INTERRUPTED
     except BrokenPipeError:
         # The reader has gone (`lanewise … | head`): end without a word.
-        _abandon_output()
+        _abandon(sys.stdout)
         return 0
     except OSError as error:
-        _abandon_output()
+        _abandon(sys.stdout)
         place = f": {error.filename}" if error.filename else ""
         return _refuse(f"{error.strerror or error}{place}")
 
@@ -107,16 +112,23 @@ def _dispatch(words: list[str]) -> int:
 
 
 def _refuse(message: str) -> int:
-    sys.stderr.write(f"lanewise: error: {printable(message)}\n")
+    _tell(f"lanewise: error: {printable(message)}\n")
     return REFUSED
 
 
-def _abandon_output() -> None:
-    """Keeps Python from failing a second time when it flushes standard output at exit."""
+def _tell(text: str) -> None:
+    """Writes to standard error, if anybody listens: Ctrl-C ends the reader of a pipe as well."""
+    with suppress(OSError):
+        sys.stderr.write(text)
+    _abandon(sys.stderr)
+
+
+def _abandon(stream: TextIO) -> None:
+    """Keeps Python from failing a second time when it flushes a stream at exit."""
     try:
-        sys.stdout.flush()
+        stream.flush()
     except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _how_to_resume(words: list[str]) -> str:
@@ -125,5 +137,6 @@ def _how_to_resume(words: list[str]) -> str:
         return "; the same command continues it"
     if words[:1] != ["train"]:
         return ""
-    again = train.resuming(parse(train.Train, words[1:]).command)
+    # A file of settings may have been edited since.
+    again = train.resuming(without_settings(train.Train, words[1:]))
     return f"; continue with:\n  {shlex.join(['lanewise', *again])}"

@@ -3,8 +3,9 @@
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from types import TracebackType
-from typing import TextIO
+from typing import TextIO, cast
 
 from rich.console import Console
 from rich.markup import escape
@@ -16,6 +17,8 @@ from lanewise.errors import printable
 
 class Progress:
     """Reports how far the stages of a training have come.
+
+    Where it cannot be written (`UnfailingStream`), the training goes on all the same.
 
     Use: ``with Progress() as progress: progress.stage("high level", 1000); progress.update(10)``.
     """
@@ -35,7 +38,7 @@ class Progress:
             clock: Tells the time, s.
             quiet: Whether to write notes alone.
         """
-        self._stream = sys.stderr if stream is None else stream
+        self._stream = unfailing(sys.stderr if stream is None else stream)
         self._interval = interval
         self._clock = clock
         self._quiet = quiet
@@ -112,6 +115,42 @@ class Progress:
     def _line(self, text: str) -> None:
         self._stream.write(text + "\n")
         self._stream.flush()
+
+
+class UnfailingStream:
+    """A text stream of which nothing is said when it cannot be written.
+
+    What reads it may go (`2>&1 | tee log`, and Ctrl-C ends both), a disk fill up, a terminal be
+    closed: no reason to lose what the progress is about.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write it if that can be done."""
+        with suppress(OSError):
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Pass it on if that can be done."""
+        with suppress(OSError):
+            self._stream.flush()
+
+    def isatty(self) -> bool:
+        """Whether it is a terminal."""
+        return self._stream.isatty()
+
+    @property
+    def encoding(self) -> str:
+        """By which rich chooses the signs it draws bars with."""
+        return getattr(self._stream, "encoding", None) or "utf-8"
+
+
+def unfailing(stream: TextIO) -> TextIO:
+    """The stream, made so that writing to it never fails."""
+    return cast(TextIO, UnfailingStream(stream))
 
 
 def _make_bar(stream: TextIO) -> Bar:

@@ -1,5 +1,6 @@
 import os
 import pathlib
+import signal
 import subprocess
 import sys
 
@@ -266,6 +267,61 @@ def test_interruption_says_how_to_go_on(tmp_path, monkeypatch, capsys):
     assert main(words) == 130
     expected = "lanewise train hierarchical --out 'my run' --resume"
     assert capsys.readouterr().err.splitlines()[-1].strip() == expected
+
+
+def test_interruption_after_the_settings_file_was_edited(inside, monkeypatch, capsys):
+    settings = inside / "mine.toml"
+    settings.write_text("[scenario]\ntrap_speed = 9.5\n")
+
+    def edited_meanwhile(parsed):
+        settings.write_text("[scenario]\ntrap_sped =")
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(cli.RUNNERS, "train", edited_meanwhile)
+    assert main([*TRAIN, "--settings", "mine.toml"]) == 130
+    expected = "lanewise train hierarchical --out run --resume"
+    assert capsys.readouterr().err.splitlines()[-1].strip() == expected
+
+
+def test_sigterm_is_an_interruption_too(monkeypatch, capsys):
+    """And only while a command runs."""
+
+    def cleared(parsed):
+        os.kill(os.getpid(), signal.SIGTERM)
+        raise AssertionError("still running")
+
+    monkeypatch.setitem(cli.RUNNERS, "sweep", cleared)
+    assert main(["sweep", "run", "--out", "map"]) == 130
+    expected = "lanewise: interrupted; the same command continues it"
+    assert capsys.readouterr().err.strip() == expected
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+INTERRUPTED_UNHEARD = """
+import os, signal, sys
+from lanewise import cli
+
+def stopped(parsed):
+    sys.stdout.write("half a line")
+    raise KeyboardInterrupt
+
+cli.RUNNERS["train"] = stopped
+sys.exit(cli.main(["train", "single-level", "--out", "run"]))
+"""
+
+
+def test_an_interruption_that_nobody_hears_of(tmp_path):
+    """As of `lanewise train ... 2>&1 | tee log`, where Ctrl-C ends `tee` as well."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    words = [sys.executable, "-c", INTERRUPTED_UNHEARD]
+    # What was not written yet must not fail at the very end either.
+    buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    done = subprocess.run(
+        words, stdout=writing, stderr=writing, cwd=tmp_path, env=buffered, check=False
+    )
+    os.close(writing)
+    assert done.returncode == 130
 
 
 @pytest.mark.parametrize(

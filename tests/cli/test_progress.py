@@ -86,3 +86,28 @@ def test_quiet_says_warnings_alone(kind):
         progress.note("a warning")
         progress.update(100)
     assert stream.getvalue() == "a warning\n"
+
+
+class Gone:
+    """Standard error whose reader has left, as `tee` does at a Ctrl-C."""
+
+    def __init__(self, terminal):
+        self.terminal = terminal
+
+    def write(self, text):
+        raise BrokenPipeError(32, "Broken pipe")
+
+    def flush(self):
+        raise BrokenPipeError(32, "Broken pipe")
+
+    def isatty(self):
+        return self.terminal
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_nothing_ends_because_its_progress_cannot_be_shown(terminal):
+    with Progress(Gone(terminal), interval=0.0) as progress:
+        progress.stage("high level", 100)
+        progress.update(50, success_rate=0.5)
+        progress.note("a warning")
+        progress.update(100)

@@ -2,10 +2,12 @@
 
 import io
 import os
+import signal
 import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -73,7 +75,7 @@ def test_none_begins_before_the_one_it_borrows_from(tiny, monkeypatch):
     _, jobs = tiny
     order = []
 
-    def fake(job, interval):
+    def fake(job, interval, ending):
         order.append(job.label)
         return {job.label: 1.0}
 
@@ -216,6 +218,83 @@ def test_when_the_parent_is_killed_its_processes_end(tmp_path):
             return
         time.sleep(0.1)
     pytest.fail("the child outlives its parent")
+
+
+INTERRUPTED = """
+import signal, sys, time
+from dataclasses import dataclass
+from pathlib import Path
+from lanewise.experiments import schedule, work
+
+@dataclass(frozen=True)
+class Job:
+    path: Path
+    high_level: Path | None = None
+    done: bool = False
+
+    @property
+    def label(self):
+        return self.path.name
+
+def run(job, reporter):
+    (job.path / "begun").touch()
+    try:
+        time.sleep(60 if job.label == "long" else 0)
+    except KeyboardInterrupt:
+        time.sleep(1)
+        (job.path / "saved").touch()
+        raise
+    return {}
+
+work.run = run
+
+if __name__ == "__main__":
+    # Whoever started the tests in the background may have told them to ignore Ctrl-C.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        schedule.run([Job(Path("long")), Job(Path("short"))], 2, sys.stderr)
+    except KeyboardInterrupt:
+        print("interrupted")
+"""
+
+
+@pytest.mark.parametrize("way", ["SIGTERM to the first process", "Ctrl-C, which all hear"])
+def test_a_job_saves_though_another_process_has_nothing_to_do(tmp_path, way):
+    script = tmp_path / "interrupted.py"
+    script.write_text(INTERRUPTED)
+    for name in ("long", "short"):
+        (tmp_path / name).mkdir()
+    with subprocess.Popen(
+        [sys.executable, script],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        process_group=0,
+    ) as parent:
+        try:
+            until("[1/2] short done", parent.stderr)
+            while not (tmp_path / "long" / "begun").exists():
+                time.sleep(0.1)
+            if way.startswith("SIGTERM"):
+                parent.terminate()
+            else:
+                os.killpg(parent.pid, signal.SIGINT)
+            said, errors = parent.communicate(timeout=45)
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(parent.pid, signal.SIGKILL)
+    assert (tmp_path / "long" / "saved").exists()
+    assert said == "interrupted\n"
+    assert "Traceback" not in errors
+
+
+def until(text, stream):
+    """Read a process's lines up to one that begins so."""
+    for line in stream:
+        if line.startswith(text):
+            return
+    pytest.fail(f"ended without {text!r}")
 
 
 def test_a_reference_driver_tested_otherwise_is_refused(tiny):

@@ -89,7 +89,7 @@ def parse(command: type[C], words: Sequence[str]) -> Parsed[C]:
             missing or too many; the settings contradict one another.
     """
     found = _collect(command, words)
-    values = {name: value for name, value in found.items() if "." not in name}
+    values = _own(found)
     if any(item.name == "values" for item in dataclasses.fields(command)):  # type: ignore[arg-type]
         flags = {name: value for name, value in found.items() if "." in name}
         values["values"] = config.compose(
@@ -99,6 +99,20 @@ def parse(command: type[C], words: Sequence[str]) -> Parsed[C]:
             flags=flags,
         )
     return Parsed(command(**values), frozenset(found))
+
+
+def without_settings(command: type[C], words: Sequence[str]) -> C:
+    """The command that ``words`` spell, but for its settings; no file of them is read.
+
+    Raises:
+        SettingsError: An option is unknown, lacks its value, or has a wrong one.
+    """
+    return command(**_own(_collect(command, words)))
+
+
+def _own(found: Mapping[str, Any]) -> dict[str, Any]:
+    """The command's own options among those found, without those of its settings."""
+    return {name: value for name, value in found.items() if "." not in name}
 
 
 def _training_preset(preset: str) -> str:

@@ -1,22 +1,24 @@
 """Runs the jobs of an experiment in processes of their own, as many at once as there are cores."""
 
 import os
+import signal
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from multiprocessing import connection, get_context, parent_process
+from contextlib import ExitStack, contextmanager
+from multiprocessing import active_children, connection, get_context, parent_process
 from tempfile import TemporaryDirectory
 from threading import Thread
-from typing import TextIO, cast
+from typing import NoReturn, TextIO, cast
 
+from lanewise import signals
 from lanewise.errors import RunError
 from lanewise.evaluation.concurrent import ONE_THREAD
 from lanewise.experiments import work
 from lanewise.experiments.work import Job
-from lanewise.progress import Progress, duration
+from lanewise.progress import Progress, duration, unfailing
 
 COMPILED = "JAX_COMPILATION_CACHE_DIR"
 """Where JAX keeps compiled programs for other processes."""
@@ -38,13 +40,18 @@ def run(jobs: Sequence[Job], processes: int, stream: TextIO) -> Times:
     Raises:
         RunError: a process was killed.
     """
+    stream = unfailing(stream)
     left = [job for job in jobs if not job.done]
     if skipped := len(jobs) - len(left):
         stream.write(f"{skipped} of {len(jobs)} done before\n")
     times: Times = {}
     began, count = time.monotonic(), len(left)
     try:
-        with _environment(), _pool(min(processes, max(1, count))) as pool:
+        with (
+            _environment(),
+            _pool(min(processes, max(1, count))) as pool,
+            signals.heard(signal.SIGTERM, _pass_on),
+        ):
             for job, took in _completed(pool, left, processes):
                 times |= took
                 count -= 1
@@ -72,26 +79,57 @@ def _completed(
         for job in ready[: processes - len(busy)]:
             waiting.remove(job)
             # With many jobs a line now and then from each is enough.
-            busy[pool.submit(_work, job, 10.0 if len(jobs) <= processes else 60.0)] = job
+            interval = 10.0 if len(jobs) <= processes else 60.0
+            busy[pool.submit(_work, job, interval, _ending())] = job
         for future in wait(busy, return_when=FIRST_COMPLETED).done:
             yield busy.pop(future), future.result()
 
 
-def _work(job: Job, interval: float) -> Times:
-    """A job, in a process of its own, with a line about it every so many seconds."""
+def _work(job: Job, interval: float, ending: Sequence[signal.Signals]) -> Times:
+    """A job, in a process of its own, with a line about it every so many seconds.
+
+    It is what the ``ending`` signals interrupt; a process that waits for one is deaf to them.
+    """
     stream = cast(TextIO, _Prefixed(sys.stderr, f"[{job.label}] "))
-    with Progress(stream=stream, interval=interval) as reporter:
+    with ExitStack() as hearing, Progress(stream=stream, interval=interval) as reporter:
+        for number in ending:
+            before = signal.signal(number, signal.default_int_handler)
+            hearing.callback(signal.signal, number, before)
         return work.run(job, reporter)
+
+
+def _ending() -> tuple[signal.Signals, ...]:
+    """Signals that end a job: not Ctrl-C where it is ignored, as in a shell's background."""
+    ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    return (signal.SIGTERM,) if ignored else (signal.SIGTERM, signal.SIGINT)
+
+
+def _pass_on(*_: object) -> NoReturn:
+    """Do on SIGTERM, which reaches this process alone, what Ctrl-C does: it reaches them all."""
+    for child in active_children():
+        child.terminate()
+    raise KeyboardInterrupt
 
 
 @contextmanager
 def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
     """Processes that begin afresh; after an error or a Ctrl-C nothing new is begun."""
-    pool = ProcessPoolExecutor(processes, get_context("spawn"), initializer=_end_with_parent)
+    pool = ProcessPoolExecutor(processes, get_context("spawn"), initializer=_begin)
     try:
         yield pool
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _begin() -> None:
+    """In a process of the pool: wait for jobs.
+
+    Deaf to signals: one that ended while it waits would break the pool, and end those at work
+    before they have saved.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    _end_with_parent()
 
 
 def _end_with_parent() -> None:

@@ -5,15 +5,15 @@ the parameters of all levels. In between, ``checkpoints/`` holds all that the st
 """
 
 import signal
-import threading
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import jax
 
+from lanewise import signals
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import NumbersError, RunError
@@ -56,20 +56,15 @@ class _Interrupts:
     def __init__(self, reporter: Progress) -> None:
         self.asked = False
         self._reporter = reporter
-        self._before: dict[int, Any] = {}
+        self._listening = ExitStack()
 
     def __enter__(self) -> "_Interrupts":
-        if threading.current_thread() is threading.main_thread():
-            # Only where it would end the training: not where it is ignored or somebody's own.
-            usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
-            for number, handler in usual.items():
-                if signal.getsignal(number) is handler:
-                    self._before[number] = signal.signal(number, self._hear)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._listening.enter_context(signals.heard(number, self._hear))
         return self
 
     def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
+        self._listening.close()
 
     def _hear(self, *_: object) -> None:
         if self.asked:
