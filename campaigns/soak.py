@@ -3,10 +3,11 @@
 python campaigns/soak.py --minutes 60 --out results/trust/soak.json
 
 One reproduction runs to its end undisturbed. The others are stopped again and again, by Ctrl-C or
-SIGKILL of every process at once, or by SIGTERM of all or of the first alone, and started again by the
-same command until they are done. What each ends with (controllers, metrics, tests, and the report without its times) must be
-the same bytes. Meanwhile the memory of every process is watched: later reproductions must not take
-more than earlier ones. (The first, which compiles what the others find, takes most.)
+SIGKILL of every process at once, or by SIGTERM of all or of the first alone, and started again by
+the same command until they are done. What each ends with (controllers, metrics, tests, and the
+report without its times) must be the same bytes. Meanwhile the memory of every process is watched:
+later reproductions must not take more than earlier ones. (The first, which compiles what the others
+find, takes most.)
 """
 
 import argparse
