@@ -110,10 +110,10 @@ def wrong():
 TYPE, RANGE, TOGETHER = "wrong type", "out of range", "impossible"
 WHOLE = (("whole number",),)
 ARGUMENTS = (
-    ("lanewise.train", "seed", ("1", 1.5, None, True, [1], math.nan), TYPE, WHOLE),
+    ("lanewise.train", "seed", ("1", 1.5, True, [1], math.nan), TYPE, WHOLE),
     ("lanewise.train", "seed", (-1, 2**31, 10**30), RANGE, (("0",), ("2147483647",))),
-    ("lanewise.train", "preset", (3, None, ["quick"]), TYPE, (("quick",),)),
-    ("lanewise.train", "trap", (10, None), TYPE, (("trap-10",),)),
+    ("lanewise.train", "preset", (3, ["quick"]), TYPE, (("quick",),)),
+    ("lanewise.train", "trap", (10, ["trap-10"]), TYPE, (("trap-10",),)),
     ("lanewise.train", "controller", (3, None, ["planned"]), TYPE, (("planned",),)),
     ("lanewise.train", "parts", (3, "mine", None, {}), TYPE, (("lanewise.Parts",),)),
     ("gymnasium.make", "preset", (3, None), TYPE, (("quick",),)),

@@ -38,6 +38,7 @@ SECTIONS = tuple(part.name for part in fields(Settings))
 """Of the settings, what a training heeds: all."""
 SEED = Kind(int, None, Between(0, 2**31 - 1))
 """As of the command line."""
+PATH, SWITCH = Kind(Path), Kind(bool)
 
 
 @dataclass(frozen=True)
@@ -90,9 +91,9 @@ def train(
     out: Path | str,
     controller: str = "hierarchical",
     *,
-    seed: int = 0,
-    preset: str = "quick",
-    trap: str = "trap-10",
+    seed: int | None = None,
+    preset: str | None = None,
+    trap: str | None = None,
     parts: Parts = OURS,
     high_level: Path | str | None = None,
     resume: bool = False,
@@ -104,15 +105,16 @@ def train(
 
     Args:
         out: the run folder: new or empty, or a stopped run together with ``resume``.
-        controller: ``hierarchical``, ``single-level``, ``planned`` or ``h-dqn``.
-        seed: of everything random.
-        preset: a training preset.
-        trap: a scenario preset.
+        controller: ``hierarchical``, ``single-level``, ``planned`` or ``h-dqn``; with ``resume``
+            that of the run.
+        seed: of everything random; 0 by default.
+        preset: a training preset; ``quick`` by default.
+        trap: a scenario preset; ``trap-10`` by default.
         parts: functions of the user's own for start, observation, reward and success. The run
             remembers their names; `evaluate` and ``resume`` want the same ones.
         high_level: a run whose finished step 1 is taken over; step 2 alone is then trained.
-        resume: continue the run in the folder, to the same bits as if it had never stopped; it
-            brings its own settings and seed.
+        resume: continue the run in the folder, to the same bits as if it had never stopped. It
+            brings its own settings and seed: either may be left out, or given as it was.
         tensorboard: also write TensorBoard's events.
         quiet: show no progress; warnings are still told.
         settings: any setting, named as for `lanewise.envs.functional.make`. Those of a TOML file
@@ -122,26 +124,37 @@ def train(
         The run folder, to be given to `evaluate`.
 
     Raises:
-        LanewiseError: an argument makes no sense, or the folder holds something else.
+        LanewiseError: an argument makes no sense, or the folder holds something else, such as a
+            run made with another seed or other settings.
     """
-    path = Path(out)
+    path: Path = PATH.check("out", out)
     look_up("controller", controller, dict.fromkeys(CONTROLLERS))
-    seed, parts = _seed(seed), checked(parts)
+    seed, parts = None if seed is None else _whole(SEED, "seed", seed), checked(parts)
+    for name, value in {"resume": resume, "tensorboard": tensorboard, "quiet": quiet}.items():
+        SWITCH.check(name, value)
     if tensorboard:
         views.needed()
-    lender = None if high_level is None else Path(high_level)
+    lender = None if high_level is None else PATH.check("high_level", high_level)
     if lender is not None and controller not in WITH_STEP_1:
         raise RunError(f"high_level: only {' and '.join(WITH_STEP_1)} controllers have a step 1")
+    composed = keywords.compose(
+        "quick" if preset is None else preset,
+        "trap-10" if trap is None else trap,
+        settings,
+        SECTIONS,
+    )
     try:
         if resume:
-            folder = RunFolder.resume(path, None, controller)
+            given = preset is not None or trap is not None or settings
+            folder = RunFolder.resume(path, composed if given else None, controller, seed)
         else:
-            composed = keywords.compose(preset, trap, settings, SECTIONS)
             # Before the folder is made: a refused run leaves nothing behind.
             parts.try_out(composed.scenario, composed.driving)
             if lender is not None:
                 trained.check_lender(lender, composed)
-            folder = RunFolder.create(path, composed, controller, seed, parts.names())
+            folder = RunFolder.create(
+                path, composed, controller, 0 if seed is None else seed, parts.names()
+            )
         with folder, Progress(quiet=quiet) as reporter:
             training.train(folder, lender, reporter, tensorboard=tensorboard, parts=parts)
     except OSError as error:
@@ -192,7 +205,7 @@ def evaluate(
     look_up("world", world, dict.fromkeys(WORLDS))
     if isinstance(episodes, bool) or not isinstance(episodes, int) or episodes < 1:
         raise SettingsError(f"episodes must be a whole number from 1 on, got {episodes!r}")
-    seed = _seed(seed)
+    seed = _whole(SEED, "seed", seed)
     if isinstance(policy, str | Path | Trained):
         return _ours(policy, world, episodes, seed, quiet, settings)
     course = _course(actions, settings)
@@ -208,14 +221,14 @@ def evaluate(
     )
 
 
-def _seed(given: Any) -> int:
-    """A seed as the command line takes it.
+def _whole(kind: Kind, name: str, given: Any) -> int:
+    """A whole number as the command line takes it; NumPy's are taken too.
 
     Raises:
-        SettingsError: it is none.
+        SettingsError: it is none, or out of range.
     """
-    seed: int = SEED.check("seed", int(given) if isinstance(given, np.integer) else given)
-    return seed
+    number: int = kind.check(name, int(given) if isinstance(given, np.integer) else given)
+    return number
 
 
 def _ours(

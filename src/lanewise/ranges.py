@@ -1,6 +1,7 @@
 """Ranges of settings, written beside the field they bound and checked in one place."""
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -99,7 +100,7 @@ class Kind:
     def check(self, name: str, value: object) -> Any:
         """Returns ``value`` in the setting's own type.
 
-        Whole numbers pass as floats; nothing else is converted.
+        Whole numbers pass as floats and text as a path; nothing else is converted.
 
         Raises:
             SettingsError: The value has another type or lies outside the range.
@@ -141,6 +142,8 @@ class Kind:
         if self.type is float and type(value) is int:
             # A huge integer has no float; it is out of every range, so say that instead.
             value = float(value) if abs(value) < 1 << 1000 else math.inf
+        if self.type is Path and _names_a_file(value):
+            return Path(value)
         if not self._is_own_type(value):
             raise SettingsError(f"{name}: expected {self._noun}, got {show(value)}")
         if self.type is float and not math.isfinite(value):
@@ -181,6 +184,14 @@ def show(value: object) -> str:
         return str(value)[:80]
     except ValueError:  # Python refuses to print integers of many thousand digits.
         return "a number too long to print"
+
+
+def _names_a_file(value: object) -> bool:
+    """Whether a path can be made of a value that a system would take for one."""
+    try:
+        return value != "" and b"\0" not in os.fsencode(Path(value))  # type: ignore[arg-type]
+    except (TypeError, UnicodeEncodeError):
+        return False
 
 
 def _plain(number: float) -> str:
