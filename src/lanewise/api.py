@@ -14,7 +14,7 @@ from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.parts import OURS, Parts, checked
 from lanewise.envs import functional, keywords
 from lanewise.envs.control import Goals
-from lanewise.errors import LanewiseError, RunError, SettingsError
+from lanewise.errors import LanewiseError, RunError, brief
 from lanewise.evaluation import metrics, outside, policies
 from lanewise.evaluation.drive import TestCourse
 from lanewise.evaluation.episodes import Episodes, Recording
@@ -38,7 +38,9 @@ SECTIONS = tuple(part.name for part in fields(Settings))
 """Of the settings, what a training heeds: all."""
 SEED = Kind(int, None, Between(0, 2**31 - 1))
 """As of the command line."""
-PATH, SWITCH = Kind(Path), Kind(bool)
+EPISODES = Kind(int, None, Between(1, 10_000_000))
+"""As of the command line."""
+PATH, SWITCH, TEXT = Kind(Path), Kind(bool), Kind(str)
 
 
 @dataclass(frozen=True)
@@ -73,18 +75,29 @@ class Evaluation:
         """
         from lanewise.report import clip
 
-        clip.check_name(path)
-        clip.render(self.record(episode), path)
+        place = PATH.check("path", path)
+        clip.check_name(place)
+        clip.render(self.record(episode), place)
 
     def save(self, path: Path | str) -> None:
         """Write the metrics as JSON and, beside it, the episodes as CSV.
 
+        Args:
+            path: of the JSON; the CSV's ends in ``.csv`` instead.
+
         Raises:
-            LanewiseError: a file cannot be written.
+            LanewiseError: a file cannot be written, or ``path`` is the CSV's.
         """
-        place = Path(path)
+        place = PATH.check("path", path)
+        if place.suffix.lower() == ".csv":
+            raise LanewiseError(
+                f"cannot write {place}: the episodes go there; let the metrics' name end in .json"
+            )
+        files.check_writable(place)
+        beside = place.with_suffix(".csv")
+        files.check_writable(beside)
         files.write_text(place, json.dumps(self.summary.to_json(), indent=2) + "\n")
-        files.write_csv(place.with_suffix(".csv"), self.episodes)
+        files.write_csv(beside, self.episodes)
 
 
 def train(
@@ -166,8 +179,8 @@ def train(
 def evaluate(
     policy: Any,
     *,
-    name: str = "policy",
-    actions: str = "low-level",
+    name: str | None = None,
+    actions: str | None = None,
     world: str = "lanewise",
     episodes: int = 300,
     seed: int = 0,
@@ -184,13 +197,14 @@ def evaluate(
         policy: a function from observations (float32 [26], or a batch [B, 26]) to actions; an
             object with ``predict`` as Stable-Baselines3's agents; or one of ours: a run folder,
             ``pretrained/NAME``, ``reference/NAME``.
-        name: in the table.
-        actions: what the policy chooses: ``low-level`` actions, ``goal`` (heeded where the goal
-            critic wants a new one) or ``continuous`` acceleration and steering.
+        name: in the table; ``policy`` by default. Ours have their own.
+        actions: what the policy chooses: ``low-level`` actions (the default), ``goal`` (heeded
+            where the goal critic wants a new one) or ``continuous`` acceleration and steering. Not
+            for ours.
         world: ``lanewise``, or ``highway-env`` for the real one.
-        episodes: number of test episodes.
+        episodes: number of test episodes, at most 10,000,000.
         seed: of the starts.
-        batched: whether a function takes batches; None finds out.
+        batched: whether a function takes batches; None finds out. For functions only.
         quiet: show no progress.
         settings: as of `lanewise.envs.functional.make`, such as ``duration``, ``parts`` and any
             setting of scenario and driving; a controller of ours brings its own settings, and
@@ -203,12 +217,17 @@ def evaluate(
         LanewiseError: an argument makes no sense, or the policy chose what does not exist.
     """
     look_up("world", world, dict.fromkeys(WORLDS))
-    if isinstance(episodes, bool) or not isinstance(episodes, int) or episodes < 1:
-        raise SettingsError(f"episodes must be a whole number from 1 on, got {episodes!r}")
-    seed = _whole(SEED, "seed", seed)
+    episodes, seed = _whole(EPISODES, "episodes", episodes), _whole(SEED, "seed", seed)
+    SWITCH.check("quiet", quiet)
     if isinstance(policy, str | Path | Trained):
+        for option, value in {"name": name, "actions": actions, "batched": batched}.items():
+            if value is not None:
+                raise LanewiseError(f"{option}: a controller of ours brings its own; leave it out")
         return _ours(policy, world, episodes, seed, quiet, settings)
-    course = _course(actions, settings)
+    name = "policy" if name is None else TEXT.check("name", name)
+    if batched is not None:
+        SWITCH.check("batched", batched)
+    course = _course("low-level" if actions is None else actions, settings)
     decide = policies.decider(policy, batched, course.shape)
     driver: Any = interop.twin_of_policies() if world == "highway-env" else outside
     with Progress(quiet=quiet) as reporter:
@@ -235,12 +254,17 @@ def _ours(
     policy: str | Path | Trained, world: str, episodes: int, seed: int, quiet: bool, settings: Any
 ) -> Evaluation:
     """A controller of ours, with the settings of its own run."""
-    parts = checked(settings.pop("parts", OURS))
+    parts = checked(settings.pop("parts")) if "parts" in settings else None
     if settings:
         raise LanewiseError(
             f"{next(iter(settings))}: a trained controller is tested with its own settings"
         )
-    controller = policy if isinstance(policy, Trained) else trained.load(Path(policy), parts)
+    controller = (
+        policy if isinstance(policy, Trained) else _load(policy, OURS if parts is None else parts)
+    )
+    if parts is not None and parts != controller.parts:
+        made = "; ".join(controller.parts.names()) or "no parts of the user's own"
+        raise RunError(f"parts: {controller.name} was made with {made}; give no others")
     with Progress(quiet=quiet) as reporter:
         found = testing.test(controller, world, episodes, seed, reporter)
     return Evaluation(
@@ -248,6 +272,15 @@ def _ours(
         summary=metrics.summarise(found, controller=controller.name, world=world),
         _record=partial(testing.record, controller, world, seed),
     )
+
+
+def _load(policy: str | Path, parts: Parts) -> Trained:
+    """A controller of ours from its folder or name."""
+    path = PATH.check("policy", policy)
+    try:
+        return trained.load(path, parts)
+    except OSError as error:
+        raise RunError(f"cannot read {brief(str(path))}: {error.strerror or error}") from error
 
 
 def _course(actions: str, settings: dict[str, Any]) -> OutsideCourse:

@@ -20,13 +20,15 @@ def decider(policy: Any, batched: bool | None, action: tuple[int, ...]) -> Decid
         policy: an object with ``predict(observation, ...)`` as Stable-Baselines3's, asked for its
             deterministic action, or a callable on observations.
         batched: whether it takes observations [B, n]; False: one at a time, [n]; None: found out by
-            asking it with a batch.
+            asking it with a batch. ``predict`` is always given batches.
         action: shape of one action, () or (2,).
 
     Raises:
-        LanewiseError: it is neither.
+        LanewiseError: it is neither, or ``batched`` is given for ``predict``.
     """
     if hasattr(policy, "predict"):
+        if batched is not None:
+            raise LanewiseError("batched: predict() is always given batches; leave it out")
         return _Predicting(policy)
     if not callable(policy):
         raise LanewiseError(

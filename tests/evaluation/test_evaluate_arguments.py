@@ -1,0 +1,169 @@
+"""What `lanewise.evaluate` is given besides a policy, and where its results are written."""
+
+import dataclasses
+from pathlib import Path
+from typing import get_type_hints
+
+import numpy as np
+import pytest
+
+import lanewise
+from lanewise import api
+from lanewise.commands.evaluate import Evaluate
+from lanewise.errors import LanewiseError
+from lanewise.evaluation import metrics
+from lanewise.evaluation.episodes import Episodes
+from lanewise.ranges import Kind
+from lanewise.runs import trained
+
+
+class Agent:
+    def predict(self, observation):
+        return np.full(len(observation), 4)
+
+
+def idle(seen):
+    return 4
+
+
+def hurry(settings, world, steering, accident):
+    return world.vehicles.speed[0]
+
+
+OURS = ("pretrained/single-level", "reference/rule-based")
+PARTS = lanewise.Parts(reward=hurry)
+
+
+@pytest.fixture
+def driven(monkeypatch):
+    """Reached only by a test that was not refused."""
+
+    def drive(*_, **__):
+        pytest.fail("an episode was driven")
+
+    monkeypatch.setattr(api.testing, "test", drive)
+    monkeypatch.setattr(api.outside, "test", drive)
+
+
+@pytest.mark.usefixtures("driven")
+@pytest.mark.parametrize("policy", OURS)
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"actions": "gaol"},
+        {"actions": "low-level"},
+        {"batched": "x"},
+        {"batched": False},
+        {"name": 3},
+        {"name": "mine"},
+    ],
+    ids=str,
+)
+def test_what_is_for_policies_of_others_is_refused_for_ours(policy, given):
+    (option,) = given
+    with pytest.raises(LanewiseError, match=rf"^{option}: .* leave it out$"):
+        lanewise.evaluate(policy, **given)
+
+
+@pytest.mark.usefixtures("driven")
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"actions": "gaol"}, "did you mean goal"),
+        ({"batched": "x"}, 'batched: expected true or false, got "x"'),
+        ({"name": 3}, "name: expected text, got 3"),
+    ],
+    ids=str,
+)
+def test_what_makes_no_sense_for_a_function(given, said):
+    with pytest.raises(LanewiseError, match=said):
+        lanewise.evaluate(idle, **given)
+
+
+@pytest.mark.usefixtures("driven")
+@pytest.mark.parametrize("policy", [*OURS, idle, Agent()], ids=["ours", "reference", "f", "agent"])
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"episodes": 10**30}, "episodes must be between 1 and 10000000, got 1000"),
+        ({"episodes": 10_000_001}, "episodes must be between 1 and 10000000, got 10000001"),
+        ({"episodes": 0}, "episodes must be between 1 and 10000000, got 0"),
+        ({"episodes": np.int64(0)}, "episodes must be between 1 and 10000000, got 0"),
+        ({"episodes": True}, "episodes: expected a whole number, got true"),
+        ({"episodes": 2.0}, "episodes: expected a whole number, got 2.0"),
+        ({"quiet": "yes"}, 'quiet: expected true or false, got "yes"'),
+        ({"seed": None}, "seed: expected a whole number, got None"),
+    ],
+    ids=str,
+)
+def test_what_makes_no_sense_for_anybody(policy, given, said):
+    with pytest.raises(LanewiseError, match=said):
+        lanewise.evaluate(policy, **given)
+
+
+@pytest.mark.usefixtures("driven")
+def test_an_object_with_predict_is_always_asked_with_batches():
+    with pytest.raises(LanewiseError, match=r"batched: .* leave it out"):
+        lanewise.evaluate(Agent(), batched=False)
+
+
+@pytest.mark.usefixtures("driven")
+def test_parts_that_a_controller_was_not_trained_with_are_not_passed_over():
+    said = "parts: .* made with no parts of the user's own"
+    with pytest.raises(LanewiseError, match=said):
+        lanewise.evaluate("reference/rule-based", parts=PARTS)
+    with pytest.raises(LanewiseError, match=said):
+        lanewise.evaluate(trained.load(Path("reference/search")), parts=PARTS)
+
+
+def test_as_many_episodes_as_on_the_command_line():
+    hint = get_type_hints(Evaluate, include_extras=True)["episodes"]
+    assert Kind.of(hint) == api.EPISODES
+
+
+@pytest.mark.usefixtures("driven")
+@pytest.mark.parametrize("policy", ["a\0b", "a\ud800b", ""], ids=ascii)
+def test_what_is_no_path_is_refused(policy):
+    with pytest.raises(LanewiseError, match="policy: expected a path, got"):
+        lanewise.evaluate(policy)
+
+
+def test_a_name_too_long_for_a_file_is_refused():
+    with pytest.raises(LanewiseError, match=r"cannot read .*: File name too long"):
+        lanewise.evaluate("x" * 300)
+
+
+@pytest.fixture
+def found():
+    """An episode without an accident, as from a test."""
+    fields = dataclasses.fields(Episodes)
+    episodes = Episodes(**{each.name: np.zeros(1, np.int64) for each in fields})
+    summary = metrics.summarise(episodes, controller="idle", world="lanewise")
+    return lanewise.Evaluation(episodes, summary, None)
+
+
+@pytest.mark.parametrize("name", ["mine.csv", "mine.CSV"])
+def test_the_metrics_are_not_overwritten_by_the_episodes(found, tmp_path, name):
+    with pytest.raises(LanewiseError, match=rf"cannot write .*{name}: .* end in \.json"):
+        found.save(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_both_files_are_written_or_none(found, tmp_path):
+    (tmp_path / "mine.csv").mkdir()
+    with pytest.raises(LanewiseError, match=r"cannot write .*mine\.csv: a folder has that name"):
+        found.save(tmp_path / "mine.json")
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.csv"]
+
+
+@pytest.mark.parametrize("place", ["a\0b", "", None, 3], ids=ascii)
+@pytest.mark.parametrize("write", ["save", "clip"])
+def test_results_are_written_to_paths(found, write, place):
+    with pytest.raises(LanewiseError, match="path: expected a path, got"):
+        getattr(found, write)(place)
+
+
+@pytest.mark.parametrize("place", [".", "/"])
+def test_results_are_not_written_to_folders(found, place):
+    with pytest.raises(LanewiseError, match="a folder has that name"):
+        found.save(place)
