@@ -15,6 +15,7 @@ from lanewise.errors import NumbersError, RunError
 from lanewise.runs import checkpoint, resume, trained, tree
 from lanewise.runs.diverged import BEFORE, FOLDER
 from lanewise.runs.folder import RunFolder
+from lanewise.runs.templates import Template
 from lanewise.training import findings, recipe, stage
 from lanewise.training.findings import Finding
 from lanewise.training.stage import CHUNK, ChunkMetrics, StageState
@@ -69,7 +70,7 @@ def see(path: Path | str, parts: Parts = OURS) -> Moment:
     def index_of(meta: dict[str, Any]) -> int:
         return resume.stage_of(meta, len(recipe.RECIPES[folder.controller]))
 
-    def template(meta: dict[str, Any]) -> checkpoint.Template:
+    def template(meta: dict[str, Any]) -> Template:
         return tree.shapes({"state": resume.blank(folder, index_of(meta), parts)["state"]})
 
     kept = checkpoint.load(place, BEFORE, template, folder.digest)

@@ -8,13 +8,12 @@ whoever alters one can make them right again, so nothing is believed for having 
 
 import hashlib
 import json
-import math
 import os
 import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from safetensors import SafetensorError
@@ -23,30 +22,15 @@ from safetensors.numpy import save as save_safetensors
 
 from lanewise import reading
 from lanewise.errors import CheckpointError, brief
+from lanewise.runs import templates
 from lanewise.runs.files import PARTIAL, write_atomically
+from lanewise.runs.templates import Template
 
 FORMAT = "lanewise-arrays"
 VERSION = 1
 _LARGEST_MANIFEST = 300_000
 _LARGEST_FILE = 16 * 1024**3
-_LARGEST_HEADER = 1_000_000
-"""What a safetensors file holds beside its arrays."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,120}")
-
-
-class ArrayLike(Protocol):
-    """What a template says about an array."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Its shape."""
-
-    @property
-    def dtype(self) -> Any:
-        """Its type."""
-
-
-Template = Mapping[str, ArrayLike]
 
 
 @dataclass(frozen=True)
@@ -139,10 +123,10 @@ def load(
     label = str(directory / f"{name}.safetensors")
     wanted = _template_of(label, manifest["meta"], template)
     if wanted is not None:
-        _check_template(label, manifest["arrays"], wanted)
-        _check_size(label, manifest["bytes"], wanted)
+        templates.check_declared(label, manifest["arrays"], wanted)
+        templates.check_size(label, manifest["bytes"], wanted)
     arrays = _read_arrays(directory / f"{name}.safetensors", manifest)
-    _check_values(label, arrays, wanted, nonfinite)
+    templates.check_values(label, arrays, wanted, nonfinite)
     return Checkpoint(name, arrays, manifest["meta"])
 
 
@@ -271,28 +255,6 @@ def _digest_of(manifest: Mapping[str, Any]) -> str:
     return reading.digest(manifest, "manifest_sha256")
 
 
-def _check_template(label: str, declared: Mapping[str, Any], wanted: Template) -> None:
-    """Compares what the manifest declares with what the caller needs, before reading any data."""
-    for name in (*wanted, *declared):
-        if name not in declared:
-            raise CheckpointError(f"{label} lacks {brief(name)}")
-        if name not in wanted:
-            raise CheckpointError(f"{label} holds {brief(name)}, which does not belong there")
-        array = wanted[name]
-        want = [np.dtype(array.dtype).name, *array.shape]
-        if declared[name] != want:
-            raise CheckpointError(
-                f"{label}: {name} is {brief(str(declared[name]))}, expected {want}"
-            )
-
-
-def _check_size(label: str, declared: int, wanted: Template) -> None:
-    """Refuses a length that these arrays cannot have, before anything of it is read."""
-    size = sum(math.prod(a.shape) * np.dtype(a.dtype).itemsize for a in wanted.values())
-    if not size <= declared <= size + _LARGEST_HEADER:
-        raise CheckpointError(f"{label}: {declared} bytes cannot be arrays of {size}")
-
-
 def _read_arrays(path: Path, manifest: Mapping[str, Any]) -> dict[str, np.ndarray]:
     expected = manifest["bytes"]
     # No more is read than there should be, whatever the file says of its length.
@@ -309,29 +271,3 @@ def _read_arrays(path: Path, manifest: Mapping[str, Any]) -> dict[str, np.ndarra
     if listed != manifest["arrays"]:
         raise CheckpointError(f"{path} does not hold the arrays its manifest lists")
     return arrays
-
-
-def _check_values(
-    label: str,
-    arrays: Mapping[str, np.ndarray],
-    wanted: Template | None,
-    nonfinite: Collection[str],
-) -> None:
-    """Refuses values that an array of its type should not have."""
-    for name, array in arrays.items():
-        if array.dtype == np.bool_ and array.size and array.view(np.uint8).max() > 1:
-            raise CheckpointError(f"{label}: {brief(name)} holds truth values that are neither")
-        if name in nonfinite or _is_finite(array):
-            continue
-        model = None if wanted is None else wanted[name]
-        # A template of mere shapes says nothing about values; one of arrays does.
-        if hasattr(model, "__array__") and not _is_finite(np.asarray(model)):
-            continue
-        raise CheckpointError(f"{label}: {brief(name)} holds numbers that are not finite")
-
-
-def _is_finite(array: np.ndarray) -> bool:
-    if not np.issubdtype(array.dtype, np.inexact):
-        return True
-    # One pass without a temporary array: sums of finite numbers can overflow, extremes cannot.
-    return array.size == 0 or bool(np.isfinite(array.min()) and np.isfinite(array.max()))

@@ -12,6 +12,7 @@ from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import CheckpointError
 from lanewise.runs import checkpoint, records, trained, tree
 from lanewise.runs.folder import RunFolder
+from lanewise.runs.templates import Template
 from lanewise.runs.trained import Mark
 from lanewise.training import recipe
 from lanewise.training import stage as stage_loop
@@ -89,7 +90,7 @@ def newest(folder: RunFolder, index: int, parts: Parts) -> tuple[checkpoint.Chec
         return None, ""
     plans = [plan_of(folder, stage, parts) for stage in stages]
 
-    def template(meta: dict[str, Any]) -> checkpoint.Template:
+    def template(meta: dict[str, Any]) -> Template:
         trained.check_seed(folder, meta, folder.checkpoints)
         stage = stage_of(meta, len(plans))
         _check_books(ledger_of(meta), plans[stage])
