@@ -55,6 +55,10 @@ def stage_prefix(stage: int) -> str:
     return f"stage-{stage:02d}-"
 
 
+_FILE = re.compile(rf"stage-[0-9]{{2}}-chunk-[0-9]{{8}}\.(json|safetensors)({re.escape(PARTIAL)})?")
+"""Files of a checkpoint, under a name as `checkpoint_name` makes them."""
+
+
 def save(
     directory: Path,
     name: str,
@@ -62,6 +66,7 @@ def save(
     meta: Mapping[str, Any],
     settings_digest: str,
     keep: int | None = None,
+    unusable: Collection[str] = (),
 ) -> None:
     """Stores arrays under a name; both files are complete on disk before either gets its name.
 
@@ -71,7 +76,8 @@ def save(
         arrays: Arrays by name.
         meta: Anything JSON can hold.
         settings_digest: Digest of the settings they belong to.
-        keep: Afterwards, delete all but this many of the newest names; None keeps all.
+        keep: Afterwards, `prune` all but this many checkpoints; None keeps all.
+        unusable: Names of checkpoints that are known not to be.
 
     Raises:
         OSError: The disk is full or not writable; what was stored before is unchanged.
@@ -95,7 +101,7 @@ def save(
     text = json.dumps(manifest, indent=1, allow_nan=False) + "\n"
     write_atomically(directory, {f"{name}.safetensors": data, f"{name}.json": text.encode()})
     if keep is not None:
-        prune(directory, keep)
+        prune(directory, keep, set(unusable) - {name})
 
 
 def load(
@@ -163,10 +169,8 @@ def read_digest(directory: Path, name: str) -> str:
 
 
 def names(directory: Path) -> list[str]:
-    """The names stored in a directory, oldest first."""
-    if not directory.is_dir():
-        return []
-    return sorted(path.stem for path in directory.glob("*.json"))
+    """The names of the checkpoints in a directory, oldest first; other files there are none."""
+    return [path.stem for path in _files(directory) if path.suffix == ".json"]
 
 
 def newest_valid(
@@ -202,15 +206,32 @@ def _check_name(name: str) -> None:
         raise CheckpointError(f'"{brief(name)}" is no name for a checkpoint')
 
 
-def prune(directory: Path, keep: int) -> None:
-    """Deletes all but the newest; the manifest goes first, so that no half is ever offered."""
-    every = names(directory)
-    for name in every[: max(0, len(every) - keep)]:
-        for ending in ("json", "safetensors"):
-            (directory / f"{name}.{ending}").unlink(missing_ok=True)
-    # What a kill in the middle of writing left; the lock on the run keeps other writers out.
-    for path in directory.glob(f"*{PARTIAL}"):
-        path.unlink(missing_ok=True)
+def prune(directory: Path, keep: int, unusable: Collection[str] = ()) -> None:
+    """Deletes checkpoints, but the newest, and no file that is none of theirs.
+
+    Args:
+        directory: Where.
+        keep: So many of the newest stay.
+        unusable: Names of some that do not count and go too.
+    """
+    every = [name for name in names(directory) if name not in unusable]
+    kept = every[max(0, len(every) - keep) :]
+    # Of each the manifest goes first, so that no half is ever offered. With them goes what a kill
+    # has left half written or half deleted; the lock on the run keeps other writers out.
+    for path in _files(directory):
+        if path.suffix == PARTIAL or path.stem not in kept:
+            path.unlink(missing_ok=True)
+
+
+def _files(directory: Path) -> list[Path]:
+    """What is named as a file of a checkpoint, oldest first and each manifest before its data.
+
+    A folder is none; a link is, as somebody has put it in the place of one.
+    """
+    if not directory.is_dir():
+        return []
+    found = (path for path in directory.iterdir() if _FILE.fullmatch(path.name))
+    return sorted(path for path in found if path.is_symlink() or not path.is_dir())
 
 
 def _read_file(path: Path, largest: int) -> bytes:
