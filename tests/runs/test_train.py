@@ -12,9 +12,10 @@ from small_runs import Quiet, results, resume
 
 from lanewise import cli
 from lanewise.errors import RunError
-from lanewise.runs import checkpoint, files, train, trained
+from lanewise.runs import checkpoint, train, trained
 
 FLAGS = small_runs.flags(chunks=5)
+pytestmark = pytest.mark.usefixtures("save_every_chunk", "hears_ctrl_c")
 
 
 def press_ctrl_c():
@@ -23,28 +24,6 @@ def press_ctrl_c():
 
 def create(path, seed=4, controller="hierarchical"):
     return small_runs.create(path, FLAGS, controller, seed)
-
-
-@pytest.fixture(autouse=True)
-def save_every_chunk(monkeypatch):
-    monkeypatch.setattr(train, "INTERVAL", 0.0)
-
-
-@pytest.fixture(autouse=True, scope="module")
-def hears_ctrl_c():
-    """Whoever started the tests in the background may have told them to ignore it."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """A run that was never stopped."""
-    path = tmp_path_factory.mktemp("whole") / "run"
-    with create(path) as folder:
-        train.train(folder, None, Quiet())
-    return path
 
 
 @pytest.mark.parametrize(
@@ -152,61 +131,6 @@ def test_a_hard_kill_and_resume_give_the_same_bytes(tmp_path, whole):
     assert killed.returncode == 9
     resume(path)
     assert results(path) == results(whole)
-
-
-@pytest.fixture(scope="module")
-def stopped(tmp_path_factory):
-    """A run stopped inside step 2, with two checkpoints of it."""
-    path = tmp_path_factory.mktemp("stopped") / "run"
-    interval, train.INTERVAL = train.INTERVAL, 0.0
-    with create(path) as folder, pytest.raises(KeyboardInterrupt):
-        train.train(folder, None, Quiet(("step-2", 3), press_ctrl_c))
-    train.INTERVAL = interval
-    return path
-
-
-@pytest.fixture
-def copy(stopped, tmp_path):
-    return shutil.copytree(stopped, tmp_path / "run")
-
-
-def newest(path):
-    return sorted((path / "checkpoints").glob("*.safetensors"))[-1]
-
-
-def test_a_truncated_newest_checkpoint_falls_back_to_the_older(copy, whole):
-    file = newest(copy)
-    file.write_bytes(file.read_bytes()[:-100])
-    reporter = Quiet()
-    resume(copy, reporter)
-    assert len(reporter.notes) == 1
-    assert "truncated or altered" in reporter.notes[0]
-    assert "continuing from stage-01-chunk-00000002" in reporter.notes[0]
-    assert results(copy) == results(whole)
-
-
-def test_no_whole_checkpoint_is_refused(copy, capsys):
-    for file in (copy / "checkpoints").glob("*.safetensors"):
-        file.write_bytes(b"nothing")
-    before = (copy / "metrics.jsonl").read_bytes()
-    assert cli.main(["train", "hierarchical", "--out", str(copy), "--resume"]) == 2
-    assert "no checkpoint can be used" in capsys.readouterr().err
-    assert (copy / "metrics.jsonl").read_bytes() == before
-
-
-def test_a_full_disk_leaves_the_run_resumable(copy, whole, monkeypatch, capsys):
-    def full(path, content):
-        path.write_bytes(content[: len(content) // 2])
-        raise OSError(28, "No space left on device", str(path))
-
-    with monkeypatch.context() as patch:
-        patch.setattr(files, "_write", full)
-        assert cli.main(["train", "hierarchical", "--out", str(copy), "--resume"]) == 2
-    error = capsys.readouterr().err
-    assert "No space left on device" in error
-    assert "Traceback" not in error
-    resume(copy)
-    assert results(copy) == results(whole)
 
 
 def test_a_finished_run_is_not_trained_again(whole):
