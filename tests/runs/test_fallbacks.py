@@ -1,5 +1,6 @@
 """A stopped run that lost something goes on from what is left, and says so; or it is refused."""
 
+import os
 import shutil
 
 import pytest
@@ -7,7 +8,8 @@ from small_runs import Quiet, results, resume
 from test_train import create, press_ctrl_c
 
 from lanewise import cli
-from lanewise.runs import files, train
+from lanewise.errors import LanewiseError
+from lanewise.runs import checkpoint, files, train
 
 pytestmark = pytest.mark.usefixtures("save_every_chunk", "hears_ctrl_c")
 
@@ -41,6 +43,49 @@ def test_a_truncated_newest_checkpoint_falls_back_to_the_older(copy, whole):
     assert "truncated or altered" in reporter.notes[0]
     assert "continuing from stage-01-chunk-00000002" in reporter.notes[0]
     assert results(copy) == results(whole)
+
+
+def test_a_damaged_checkpoint_is_none_of_the_two_kept(copy, whole, monkeypatch):
+    """After the next save there are two to go on from again."""
+    monkeypatch.setattr(train, "INTERVAL", 1e9)
+    file = newest(copy)
+    file.write_bytes(file.read_bytes()[:-100])
+    with pytest.raises(KeyboardInterrupt):
+        resume(copy, Quiet(("step-2", 2), press_ctrl_c))
+    assert checkpoint.names(copy / "checkpoints") == [
+        checkpoint.checkpoint_name(1, chunk) for chunk in (2, 4)
+    ]
+    file = newest(copy)
+    file.write_bytes(b"nothing")
+    resume(copy)
+    assert results(copy) == results(whole)
+
+
+def mark(path, chunk):
+    """Bytes of metrics that a checkpoint of step 2 goes with."""
+    name = checkpoint.checkpoint_name(1, chunk)
+    return checkpoint.read_meta(path / "checkpoints", name)["metrics_bytes"]
+
+
+def test_a_copy_made_while_training_goes_on_from_what_its_metrics_reach(copy, whole):
+    """The metrics were copied first, and a checkpoint was saved before those were."""
+    left = mark(copy, 2) + 10
+    os.truncate(copy / "metrics.jsonl", left)
+    said = f"metrics.jsonl is damaged: truncated: {left} of {mark(copy, 3)} bytes"
+    reporter = Quiet()
+    resume(copy, reporter)
+    (note,) = reporter.notes
+    assert said in note
+    assert "continuing from stage-01-chunk-00000002" in note
+    assert results(copy) == results(whole)
+
+
+def test_metrics_that_no_checkpoint_goes_with_are_refused(copy):
+    os.truncate(copy / "metrics.jsonl", mark(copy, 2) - 1)
+    before = (copy / "metrics.jsonl").read_bytes()
+    with pytest.raises(LanewiseError, match=f"truncated: {len(before)} of {mark(copy, 3)} bytes"):
+        resume(copy)
+    assert (copy / "metrics.jsonl").read_bytes() == before
 
 
 def test_no_whole_checkpoint_is_refused(copy, capsys):

@@ -9,7 +9,7 @@ import jax
 
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
-from lanewise.errors import CheckpointError
+from lanewise.errors import CheckpointError, RunError
 from lanewise.runs import checkpoint, records, trained, tree
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.templates import Template
@@ -32,6 +32,8 @@ class Left:
     """Of the stage under way, if it has one yet."""
     warning: str
     """About newer checkpoints that cannot be used; often empty."""
+    unusable: tuple[str, ...]
+    """Their names."""
     mark: Mark
     """How much of the metrics file belongs to all this."""
 
@@ -45,14 +47,13 @@ def read(folder: RunFolder, parts: Parts = OURS) -> Left:
     """
     done = trained.finished_stages(folder)
     handed = {stage.name: trained.load_stage(folder, stage, parts) for stage in done}
-    found, warning = newest(folder, len(done), parts)
+    found, warning, unusable = newest(folder, len(done), parts)
     if found is not None:
         mark = Mark.of(found.meta, folder.checkpoints / f"{found.name}.json")
     else:
         mark = trained.metrics_of(folder, done[-1]) if done else Mark()
-    if mark.bytes:
-        records.read(folder.metrics, mark.bytes, mark.sha256)
-    return Left(handed, found, warning, mark)
+        _check_metrics(folder, mark)
+    return Left(handed, found, warning, unusable, mark)
 
 
 def plan_of(folder: RunFolder, stage: recipe.Stage, parts: Parts = OURS) -> StagePlan:
@@ -74,10 +75,16 @@ def restored(progress: StageProgress, found: checkpoint.Checkpoint) -> StageProg
     return StageProgress(stored["state"], stored["best"], ledger_of(found.meta))
 
 
-def newest(folder: RunFolder, index: int, parts: Parts) -> tuple[checkpoint.Checkpoint | None, str]:
-    """The newest whole checkpoint of the stage under way, if it has one yet.
+def newest(
+    folder: RunFolder, index: int, parts: Parts
+) -> tuple[checkpoint.Checkpoint | None, str, tuple[str, ...]]:
+    """The newest whole checkpoint of the stage under way that the metrics reach, if there is one.
 
-    Its arrays are checked against the shapes they must have before any is read.
+    Its arrays are checked against the shapes they must have before any is read. Where a run was
+    copied while it was trained, the metrics may be older than the newest checkpoint.
+
+    Returns:
+        The checkpoint; a warning about newer ones that cannot be used, often empty; their names.
     """
     names = checkpoint.names(folder.checkpoints)
     stages = recipe.RECIPES[folder.controller]
@@ -87,22 +94,30 @@ def newest(folder: RunFolder, index: int, parts: Parts) -> tuple[checkpoint.Chec
         lost = folder.stages / f"{stages[index].name}.json"
         raise CheckpointError(f"{lost} is missing, though {after[0]} comes after it")
     if not any(name.startswith(checkpoint.stage_prefix(index)) for name in names):
-        return None, ""
+        return None, "", ()
     plans = [plan_of(folder, stage, parts) for stage in stages]
 
     def template(meta: dict[str, Any]) -> Template:
         trained.check_seed(folder, meta, folder.checkpoints)
         stage = stage_of(meta, len(plans))
-        _check_books(ledger_of(meta), plans[stage])
+        ledger = ledger_of(meta)
+        _check_books(ledger, plans[stage])
+        name = checkpoint.checkpoint_name(stage, ledger.chunks)
+        try:
+            _check_metrics(folder, Mark.of(meta, folder.checkpoints / f"{name}.json"))
+        except RunError as error:
+            raise CheckpointError(str(error)) from error
         return tree.shapes(blank(folder, stage, parts))
 
     found, warning = checkpoint.newest_valid(folder.checkpoints, template, folder.digest)
     if found is None:
-        return None, warning
+        return None, warning, ()
     _check_name(folder.checkpoints, found)
+    unusable = tuple(name for name in names if name > found.name)
     if found.meta["stage"] != index:
-        return None, warning.replace(f"continuing from {found.name}", "starting the stage anew")
-    return found, warning
+        anew = warning.replace(f"continuing from {found.name}", "starting the stage anew")
+        return None, anew, unusable
+    return found, warning, unusable
 
 
 def blank(folder: RunFolder, index: int, parts: Parts = OURS) -> dict[str, Any]:
@@ -173,6 +188,16 @@ def _check_books(ledger: Ledger, plan: StagePlan) -> None:
         raise CheckpointError("its best score and the chunk of that do not agree")
     if len(ledger.recent) != min(ledger.episodes, RECENT):
         raise CheckpointError("its last rewards and episodes do not agree")
+
+
+def _check_metrics(folder: RunFolder, mark: Mark) -> None:
+    """Refuses metrics that are not as they were up to a mark.
+
+    Raises:
+        RunError: they are shorter, damaged or were altered.
+    """
+    if mark.bytes:
+        records.read(folder.metrics, mark.bytes, mark.sha256)
 
 
 def _check_name(directory: Path, found: checkpoint.Checkpoint) -> None:

@@ -44,6 +44,8 @@ class _Files:
     metrics: MetricsWriter
     timings: MetricsWriter
     views: Views
+    unusable: tuple[str, ...]
+    """Checkpoints that cannot be used; they stay until another is saved."""
 
 
 class _Interrupts:
@@ -110,7 +112,7 @@ def train(
         MetricsWriter(folder.timings, None) as timings,
         Views(folder.path, tensorboard=tensorboard) as views,
     ):
-        files = _Files(folder, metrics, timings, views)
+        files = _Files(folder, metrics, timings, views, left.unusable)
         frozen: Parameters = {}
         found = left.checkpoint
         for index, stage in enumerate(recipe.RECIPES[folder.controller]):
@@ -145,7 +147,7 @@ def _run_stage(
             try:
                 progress, report = stages.advance(plan, frozen, progress)
             except NumbersError as error:
-                newest, _ = resume.newest(files.folder, index, parts)
+                newest, _, _ = resume.newest(files.folder, index, parts)
                 stored = _from(files.folder, index, plan, frozen, newest)
                 raise diverged.keep(
                     files.folder, index, plan, frozen, stored, progress.ledger, error
@@ -217,4 +219,6 @@ def _save(files: _Files, index: int, progress: StageProgress) -> None:
         },
         files.folder.digest,
         keep=KEPT,
+        unusable=files.unusable,
     )
+    files.unusable = ()
