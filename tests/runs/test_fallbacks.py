@@ -88,6 +88,20 @@ def test_metrics_that_no_checkpoint_goes_with_are_refused(copy):
     assert (copy / "metrics.jsonl").read_bytes() == before
 
 
+@pytest.mark.parametrize("lost", [("checkpoints",), ("checkpoints", "stages")], ids=len)
+def test_metrics_of_lost_checkpoints_are_kept(copy, whole, lost):
+    for name in lost:
+        shutil.rmtree(copy / name)
+    before = (copy / "metrics.jsonl").read_bytes()
+    reporter = Quiet()
+    resume(copy, reporter)
+    (note,) = reporter.notes
+    kept = copy / "metrics-before-1.jsonl"
+    assert note.endswith(f"the stage under way begins anew; metrics so far are kept in {kept}")
+    assert kept.read_bytes() == before
+    assert results(copy) == results(whole)
+
+
 def test_no_whole_checkpoint_is_refused(copy, capsys):
     for file in (copy / "checkpoints").glob("*.safetensors"):
         file.write_bytes(b"nothing")

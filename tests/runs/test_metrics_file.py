@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from lanewise.errors import RunError
-from lanewise.runs.metrics import MetricsWriter, read, settled_at, settled_episode
+from lanewise.runs import metrics
+from lanewise.runs.metrics import MetricsWriter, keep_copy, read, settled_at, settled_episode
 
 
 def write(path, numbers, resume_at=0):
@@ -32,6 +33,36 @@ def test_a_fresh_start_empties_the_file_and_timings_are_kept(tmp_path):
     assert len(read(path)) == 2
     write(path, range(2), resume_at=None)
     assert len(read(path)) == 4
+
+
+def test_what_is_to_be_cut_off_is_copied_beside_whatever_was_before(tmp_path):
+    path = tmp_path / "metrics.jsonl"
+    assert keep_copy(path, 0) is None
+    path.write_text("one")
+    assert keep_copy(path, 3) is None
+    elsewhere = tmp_path / "elsewhere"
+    (tmp_path / "metrics-before-1.jsonl").symlink_to(elsewhere)
+    assert keep_copy(path, 2) == tmp_path / "metrics-before-2.jsonl"
+    path.write_text("two")
+    assert keep_copy(path, 0) == tmp_path / "metrics-before-3.jsonl"
+    kept = {file.name: file.read_text() for file in tmp_path.iterdir() if file.is_file()}
+    assert kept == {path.name: "two"} | {
+        f"metrics-before-{number}.jsonl": text for number, text in ((2, "one"), (3, "two"))
+    }
+    assert not elsewhere.exists()
+
+
+def test_a_full_disk_leaves_the_metrics_and_no_half_of_a_copy(tmp_path, monkeypatch):
+    path = tmp_path / "metrics.jsonl"
+    path.write_text("one")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(metrics.shutil, "copyfileobj", full)
+    with pytest.raises(OSError, match="No space left"):
+        keep_copy(path, 0)
+    assert [file.read_text() for file in tmp_path.iterdir()] == ["one"]
 
 
 def test_a_file_that_lost_lines_is_refused(tmp_path):

@@ -7,7 +7,9 @@ import hashlib
 import json
 import math
 import os
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import count
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
@@ -106,6 +108,33 @@ def read(path: Path, end: int | None = None, sha256: str | None = None) -> list[
     if sha256 is not None and digest.hexdigest() != sha256:
         raise RunError(f"{path} was altered after it was written")
     return found
+
+
+def keep_copy(path: Path, end: int) -> Path | None:
+    """Copies a metrics file that is about to be cut to its first ``end`` bytes.
+
+    A stage whose checkpoints were lost begins anew, and metrics are all that is left of it.
+
+    Returns:
+        The copy, ``metrics-before-1.jsonl`` or the first number that is free; None if there is
+        nothing to cut off.
+
+    Raises:
+        OSError: The disk is full or not writable.
+    """
+    if not path.is_file() or path.stat().st_size <= end:
+        return None
+    places = (path.with_stem(f"{path.stem}-before-{number}") for number in count(1))
+    place = next(place for place in places if not os.path.lexists(place))
+    try:
+        with path.open("rb") as whole, place.open("xb") as copy:
+            shutil.copyfileobj(whole, copy)
+            copy.flush()
+            os.fsync(copy.fileno())
+    except OSError:
+        place.unlink(missing_ok=True)
+        raise
+    return place
 
 
 def _record(line: bytes) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from lanewise.errors import NumbersError, RunError
 from lanewise.progress import Progress
 from lanewise.runs import checkpoint, diverged, resume, trained, tree
 from lanewise.runs.folder import RunFolder
-from lanewise.runs.metrics import MetricsWriter
+from lanewise.runs.metrics import MetricsWriter, keep_copy
 from lanewise.runs.resume import plan_of
 from lanewise.runs.trained import Mark
 from lanewise.runs.views import Views
@@ -107,6 +107,9 @@ def train(
     left = resume.read(folder, parts)
     if left.warning:
         reporter.note(left.warning)
+    if left.checkpoint is None and (kept := keep_copy(folder.metrics, left.mark.bytes)):
+        begins = "without a checkpoint, the stage under way begins anew"
+        reporter.note(f"{begins}; metrics so far are kept in {kept}")
     with (
         MetricsWriter(folder.metrics, left.mark.bytes) as metrics,
         MetricsWriter(folder.timings, None) as timings,
