@@ -35,13 +35,13 @@ def place(tmp_path_factory):
     "name",
     [
         *("run.json", "settings.toml", "lock", "metrics.jsonl", "timings.jsonl", "episodes.csv"),
-        *("chunks.csv", "checkpoints", "stages", "tensorboard"),
+        *("chunks.csv", "checkpoints", "stages", "tensorboard", "diverged"),
     ],
 )
 def test_a_link_in_a_run_is_refused_and_its_target_untouched(run, tmp_path, name, open_it):
     """Going on would cut the file short, or delete from the folder."""
     elsewhere = tmp_path / "precious"
-    if name in ("checkpoints", "stages", "tensorboard"):
+    if name in ("checkpoints", "stages", "tensorboard", "diverged"):
         elsewhere.mkdir()
         (elsewhere / "thesis.json").write_text("precious")
     else:
@@ -177,6 +177,37 @@ def test_a_stored_test_is_no_larger_than_one_can_be(place, tmp_path):
     (tests / "lanewise.json").write_text("[" + '{"a":[],"b":{}},' * 10_000 + "0]\n")
     with pytest.raises(RunError, match=r"lanewise.json: too large: larger than 100000 bytes"):
         work.read_test(tmp_path, "lanewise")
+
+
+def test_tests_are_neither_written_nor_read_through_a_link(place, tmp_path):
+    """It may lead to those of another run, or to what is no test at all."""
+    elsewhere = shutil.copytree(place / "whole" / "stored test" / "tests", tmp_path / "precious")
+    before = {path: path.read_bytes() for path in elsewhere.iterdir()}
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "tests").symlink_to(elsewhere)
+    for use in (
+        lambda: work.read_test(tmp_path / "run", "lanewise"),
+        lambda: work.is_tested(tmp_path / "run", "lanewise", 40),
+        lambda: work._store(
+            tmp_path / "run", "h-dqn", "lanewise", strangers_files._episodes(1), 1.5
+        ),
+    ):
+        with pytest.raises(RunError, match=r"cannot use .*tests: not a folder; delete it"):
+            use()
+    assert {path: path.read_bytes() for path in elsewhere.iterdir()} == before
+
+
+@pytest.mark.parametrize("leads", [True, False], ids=["somewhere", "nowhere"])
+def test_settings_of_a_reference_driver_are_no_link(tmp_path, leads):
+    job = work.Job("a", "rule-based", False, Settings(), 0, tmp_path / "run", None, {})
+    job.path.mkdir()
+    file = job.path / work.SETTINGS
+    file.write_text(config.dump_toml(Settings()))
+    work.check(job)
+    file.rename(tmp_path / "elsewhere.toml")
+    file.symlink_to(tmp_path / ("elsewhere.toml" if leads else "nothing"))
+    with pytest.raises(RunError, match=r"cannot read .*settings.toml: a link"):
+        work.check(job)
 
 
 HEAD = 'title = "t"\nepisodes = 1\nhighway_env_episodes = 0\n'

@@ -28,8 +28,8 @@ SETTINGS = "settings.toml"
 """What a reference driver was tested with; a training has its own in its run folder."""
 TESTS = "tests"
 """Folder of a run that holds its tests."""
-_LARGEST_TABLE, _LARGEST_SUMMARY = 64_000_000, 100_000
-"""Bytes of a test's episodes and of what is said of them."""
+_LARGEST_TABLE, _LARGEST_SUMMARY, _LARGEST_SETTINGS = 64_000_000, 100_000, 100_000
+"""Bytes of a test's episodes, of what is said of them, and of a reference driver's settings."""
 _LONGEST = 1e9
 """Seconds of a test, 30 years."""
 _FIELDS = {"summary", "seconds", "episodes_sha256", "digest"}
@@ -80,12 +80,17 @@ def check(job: Job) -> None:
     """Refuses a run folder that was made with other settings.
 
     Raises:
-        RunError: says which differ.
+        RunError: says which differ; or they are damaged, or a link.
+        SettingsError: what a reference driver was tested with are no settings.
     """
     if (job.path / "run.json").exists():
         RunFolder.resume(job.path, job.settings, job.controller, job.seed).close()
-    elif not job.trains and (file := job.path / SETTINGS).exists():
-        difference = config.first_difference(config.compose(file=file), job.settings)
+    elif not job.trains and os.path.lexists(file := job.path / SETTINGS):
+        try:
+            data = reading.contents(file, _LARGEST_SETTINGS, links=False)
+        except reading.UnreadableError as error:
+            raise RunError(f"cannot read {file}: {error}; choose another folder") from error
+        difference = config.first_difference(config.compose_from(data, file), job.settings)
         if difference:
             raise RunError(f"{job.path} was tested with other settings: there {difference}")
 
@@ -124,8 +129,12 @@ def _folder(job: Job) -> RunFolder:
 
 
 def is_tested(path: Path, world: str, count: int) -> bool:
-    """Whether a run has a test of that many episodes."""
-    file = path / TESTS / f"{world}.json"
+    """Whether a run has a test of that many episodes.
+
+    Raises:
+        RunError: the test is damaged, or its folder is a link.
+    """
+    file = _tests_of(path) / f"{world}.json"
     return file.exists() and _read(file)["summary"]["episodes"] == count
 
 
@@ -133,9 +142,9 @@ def read_test(path: Path, world: str) -> Test | None:
     """A stored test, None where there is none.
 
     Raises:
-        RunError: its files are damaged.
+        RunError: its files are damaged, or their folder is a link.
     """
-    file = path / TESTS / f"{world}.json"
+    file = _tests_of(path) / f"{world}.json"
     if not os.path.lexists(file):
         return None
     stored = _read(file)
@@ -178,9 +187,23 @@ def _store(path: Path, name: str, world: str, episodes: Episodes, seconds: float
         "episodes_sha256": _sha256(table),
     }
     text = json.dumps(stored | {"digest": reading.digest(stored)}, indent=1) + "\n"
-    folder = path / TESTS
+    folder = _tests_of(path)
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder, {f"{world}.csv": table, f"{world}.json": text.encode()})
+
+
+def _tests_of(path: Path) -> Path:
+    """The folder of a run's tests, there or not.
+
+    Raises:
+        RunError: it is a link, and leads to where they do not belong, or no folder.
+    """
+    folder = path / TESTS
+    try:
+        reading.require_plain(folder, folder=True)
+    except reading.UnreadableError as error:
+        raise RunError(f"cannot use {folder}: {error}{_AGAIN}") from error
+    return folder
 
 
 def _read(file: Path) -> dict[str, Any]:

@@ -5,11 +5,13 @@
     DIR/run.json          format, controller, seed, settings digest, versions; written last
     DIR/settings.toml     every setting
     DIR/metrics.jsonl     one JSON object a line, the same bytes however often it was resumed
+    DIR/metrics-before-*  metrics of a stage that began anew without a checkpoint
     DIR/*.csv             the same as tables
     DIR/tensorboard/      the same as TensorBoard's events, if wanted
     DIR/timings.jsonl     wall-clock times, which do differ
     DIR/checkpoints/      what resuming needs
     DIR/stages/           what each finished stage hands on
+    DIR/diverged/         what there is of a training whose numbers went wrong
     DIR/controller.*      the trained controller
     DIR/lock              held by the process that writes
 
@@ -47,7 +49,7 @@ _FILES = (
     *("run.json", "settings.toml", "lock", "metrics.jsonl", "timings.jsonl"),
     *("episodes.csv", "chunks.csv"),
 )
-_FOLDERS = ("checkpoints", "stages", "tensorboard")
+_FOLDERS = ("checkpoints", "stages", "tensorboard", "diverged")
 _FIELDS = {
     *("format", "version", "controller", "seed", "settings_digest", "lanewise", "parts"),
     *("created", "digest"),
