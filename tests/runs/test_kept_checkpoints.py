@@ -11,6 +11,7 @@ from lanewise.runs import checkpoint, files
 from lanewise.runs.checkpoint import checkpoint_name, names, newest_valid, save
 
 DIGEST = "d" * 64
+ENDINGS = (".json", ".safetensors")
 
 
 def store(folder, chunk, **how):
@@ -42,7 +43,7 @@ STRAY = [
 def test_a_users_copies_are_neither_counted_nor_deleted(stored):
     ours = set(stored.iterdir())
     for name in STRAY:
-        for ending in (".json", ".safetensors"):
+        for ending in ENDINGS:
             shutil.copy(stored / (checkpoint_name(0, 10) + ending), stored / (name + ending))
     (stored / "download.partial").write_text("precious")
     strays = {path: path.read_bytes() for path in stored.iterdir() if path not in ours}
@@ -66,10 +67,13 @@ def test_a_folder_among_checkpoints_is_left_alone(stored, name):
     (stored / name).mkdir()
     for chunk in (11, 12, 13):
         store(stored, chunk)
-    assert chunks(stored) == [12, 13]
     assert (stored / name).is_dir()
+    kept = {f"{checkpoint_name(0, chunk)}{ending}" for chunk in (12, 13) for ending in ENDINGS}
+    assert {path.name for path in stored.iterdir()} == kept | {name}
     found, warning = newest_valid(stored, None, DIGEST)
-    assert (found.meta["chunk"], warning) == (13, "")
+    assert found.meta["chunk"] == 13
+    # Where it stands in the place of a checkpoint, that is said.
+    assert bool(warning) == (name == f"{checkpoint_name(0, 99)}.json")
 
 
 def test_what_is_left_of_one_without_its_manifest_goes(stored):

@@ -214,24 +214,21 @@ def prune(directory: Path, keep: int, unusable: Collection[str] = ()) -> None:
         keep: So many of the newest stay.
         unusable: Names of some that do not count and go too.
     """
-    every = [name for name in names(directory) if name not in unusable]
+    files = [path for path in _files(directory) if path.is_symlink() or not path.is_dir()]
+    every = [path.stem for path in files if path.suffix == ".json" and path.stem not in unusable]
     kept = every[max(0, len(every) - keep) :]
     # Of each the manifest goes first, so that no half is ever offered. With them goes what a kill
     # has left half written or half deleted; the lock on the run keeps other writers out.
-    for path in _files(directory):
+    for path in files:
         if path.suffix == PARTIAL or path.stem not in kept:
             path.unlink(missing_ok=True)
 
 
 def _files(directory: Path) -> list[Path]:
-    """What is named as a file of a checkpoint, oldest first and each manifest before its data.
-
-    A folder is none; a link is, as somebody has put it in the place of one.
-    """
+    """What is named as a file of a checkpoint, oldest first and each manifest before its data."""
     if not directory.is_dir():
         return []
-    found = (path for path in directory.iterdir() if _FILE.fullmatch(path.name))
-    return sorted(path for path in found if path.is_symlink() or not path.is_dir())
+    return sorted(path for path in directory.iterdir() if _FILE.fullmatch(path.name))
 
 
 def _read_file(path: Path, largest: int) -> bytes:
