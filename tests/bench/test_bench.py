@@ -5,6 +5,7 @@ import sys
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import pytest
@@ -271,3 +272,46 @@ def test_the_command(monkeypatch, tmp_path, capsys):
     assert "exists; choose another file" in capsys.readouterr().err
     assert main(["bench", "world"]) == 1
     assert "a case" in capsys.readouterr().out
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_measured(
+    monkeypatch, tmp_path, capsys
+):
+    def measured():
+        pytest.fail("measured for nothing")
+
+    monkeypatch.setattr(catalogue, "PARTS", {"world": lambda asked: [Task("easy", measured)]})
+    for place in ("/proc/nowhere/bench.json", str(tmp_path / ("x" * 256))):
+        assert main(["bench", "world", "--out", place]) == 2
+        said = capsys.readouterr()
+        assert said.err.startswith(f"lanewise: error: cannot write {place}: ")
+        assert said.out == ""
+
+
+@pytest.mark.parametrize("words", [[], ["--json"]])
+def test_a_file_that_cannot_be_written_in_the_end_costs_no_figures(
+    monkeypatch, tmp_path, capsys, words
+):
+    folder = tmp_path / "new"
+
+    def measured():
+        folder.write_text("in the way")
+        return [figure("world", "a case", "lanewise", 2.5)]
+
+    monkeypatch.setattr(catalogue, "PARTS", {"world": lambda asked: [Task("easy", measured)]})
+    assert main(["bench", "world", "--out", str(folder / "bench.json"), *words]) == 2
+    said = capsys.readouterr()
+    assert "a case" in said.out
+    assert "error: cannot write" in said.err
+
+
+def test_a_reader_that_has_gone_costs_no_file(monkeypatch, tmp_path):
+    def gone(text):
+        raise BrokenPipeError
+
+    found = [figure("world", "a case", "lanewise", 2.5)]
+    monkeypatch.setattr(catalogue, "PARTS", {"world": lambda asked: [Task("easy", lambda: found)]})
+    monkeypatch.setattr(sys, "stdout", SimpleNamespace(write=gone, flush=lambda: None))
+    path = tmp_path / "bench.json"
+    assert main(["bench", "world", "--json", "--out", str(path)]) == 0
+    assert json.loads(path.read_text())["figures"][0]["value"] == 2.5

@@ -39,6 +39,31 @@ def test_what_cannot_be_written_is_refused_beforehand(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+@pytest.mark.parametrize("name", ["x" * 251 + ".csv", "." + "x" * 254, "ä" * 125 + ".txt"])
+def test_a_name_as_long_as_a_folder_bears_can_be_written(tmp_path, name):
+    files.check_writable(tmp_path / name)
+    files.write_text(tmp_path / name, "kept")
+    assert (tmp_path / name).read_text() == "kept"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_longer_name_is_refused_beforehand(tmp_path):
+    for place in (tmp_path / ("x" * 256), tmp_path / ("x" * 256) / "a.csv"):
+        with pytest.raises(LanewiseError, match=r"cannot write .*: File name too long"):
+            files.check_writable(place)
+
+
+def test_two_files_are_written_beside_under_names_of_their_own(tmp_path):
+    with files.replacing(tmp_path / "a.gif") as one, files.replacing(tmp_path / "b.gif") as other:
+        assert one != other
+        assert {place.parent for place in (one, other)} == {tmp_path}
+        assert {place.suffix for place in (one, other)} == {".gif"}
+        for place in (one, other):
+            assert place.name.startswith(".")
+            place.write_text(place.name)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.gif", "b.gif"]
+
+
 def test_check_of_extras(monkeypatch):
     extras.check()
     monkeypatch.setattr(extras, "find_spec", lambda name: None)

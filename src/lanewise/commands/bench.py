@@ -55,6 +55,10 @@ def run(parsed: Parsed[Bench]) -> int:
     command = parsed.command
     if command.out is not None and command.out.exists():
         raise RunError(f"{command.out} exists; choose another file")
+    from lanewise.report import files
+
+    if command.out is not None:
+        files.check_writable(command.out)
     from lanewise.bench import catalogue, peers, ratios, table
     from lanewise.bench.task import Asked
 
@@ -92,10 +96,14 @@ def run(parsed: Parsed[Bench]) -> int:
         "failed": failed,
         "interrupted": interrupted,
     }
-    if command.out is not None:
-        command.out.parent.mkdir(parents=True, exist_ok=True)
-        command.out.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-    sys.stdout.write((json.dumps(result) if command.json else table.text(figures, said)) + "\n")
+    try:
+        # Printed first: a file that cannot be written must not cost the figures.
+        shown = json.dumps(result) if command.json else table.text(figures, said)
+        sys.stdout.write(shown + "\n")
+    finally:
+        # Written all the same where the reader has gone.
+        if command.out is not None:
+            files.write_text(command.out, json.dumps(result, indent=2) + "\n")
     if interrupted:
         # What was measured so far is kept.
         raise KeyboardInterrupt

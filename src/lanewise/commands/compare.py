@@ -62,6 +62,11 @@ def run(parsed: Parsed[Compare]) -> int:
     command = parsed.command
     folders = [RunFolder.open(shelf.locate(path)) for path in command.runs]
     settings = _settings(folders, command.scenario_of)
+    from lanewise.report import files
+
+    for file in (command.markdown, command.csv):
+        if file is not None:
+            files.check_writable(file)
     from lanewise.evaluation import comparison
 
     entries = [
@@ -70,7 +75,6 @@ def run(parsed: Parsed[Compare]) -> int:
     ]
     comparison.arm_members(entries)
     from lanewise.report import comparison as pages
-    from lanewise.report import files
     from lanewise.runs import trained
 
     controllers = [

@@ -44,23 +44,24 @@ def run(parsed: Parsed[Evaluate]) -> int:
     name = shelf.controller(command.run)
     if command.renewal is not None and name not in WITH_GOALS:
         raise RunError(f"--renewal: {command.run} is {name} and has no goals")
-    from lanewise.evaluation import metrics
-    from lanewise.experiments import testing
-    from lanewise.report import files, table
-    from lanewise.runs import trained
+    from lanewise.report import files
 
     if command.episodes_out is not None:
         files.check_writable(command.episodes_out)
+    from lanewise.evaluation import metrics
+    from lanewise.experiments import testing
+    from lanewise.report import table
+    from lanewise.runs import trained
+
     controller = trained.load(command.run)
     with Progress() as reporter:
         episodes = testing.test(
             controller, command.world, command.episodes, command.seed, reporter, command.renewal
         )
     summary = metrics.summarise(episodes, controller=controller.name, world=command.world)
+    # Printed first: a file that cannot be written must not cost the figures.
+    shown = json.dumps(summary.to_json()) + "\n" if command.json else table.text([summary])
+    sys.stdout.write(shown)
     if command.episodes_out is not None:
         files.write_csv(command.episodes_out, episodes)
-    if command.json:
-        sys.stdout.write(json.dumps(summary.to_json()) + "\n")
-    else:
-        sys.stdout.write(table.text([summary]))
     return 0

@@ -37,13 +37,13 @@ def run(parsed: Parsed[Watch]) -> int:
     if command.out.suffix.lower() not in FORMATS:
         raise SettingsError(f"--out must end in .gif or .mp4, got {command.out}")
     shelf.controller(command.run)
-    from lanewise.experiments import testing
     from lanewise.report import extras, files
-    from lanewise.runs import trained
 
     extras.check()
     files.check_writable(command.out)
+    from lanewise.experiments import testing
     from lanewise.report import clip
+    from lanewise.runs import trained
 
     controller = trained.load(command.run)
     sys.stderr.write("driving\n")

@@ -20,12 +20,16 @@ def check(path: Path, reading: bool) -> None:
     """Whether a policy can be written to ``path``, and read again if ``reading``.
 
     Raises:
-        LanewiseError: the ending is unknown, something is there already, or a package is missing.
+        LanewiseError: the ending is unknown, something is there already, the file could not be
+            written, or a package is missing.
     """
     if path.suffix not in (NUMPY, ONNX):
         raise LanewiseError(f"--out must end in {ONNX}, or in {NUMPY} for NumPy, got {path}")
     if path.exists() or path.is_symlink():
         raise LanewiseError(f"{path} is there already; nothing is overwritten")
+    from lanewise.report import files
+
+    files.check_writable(path)
     if path.suffix == ONNX:
         onnx_models()
         if reading:

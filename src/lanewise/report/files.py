@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,13 +17,16 @@ def replacing(path: Path | str) -> Iterator[Path]:
     """Write beside, then rename: `path` is either the finished file or what it was before.
 
     Yields:
-        A path in the same folder, with the same suffix, to write to.
+        A path in the same folder to write to: hidden, this process's own, with the same suffix, by
+        which some packages tell the format, unless it is a long one.
 
     Raises:
         LanewiseError: if the file cannot be written (no room, no permission, a folder's name).
     """
     path = Path(path)
-    beside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    # Not its whole name, which with anything more may be longer than a folder bears.
+    name = f"{zlib.crc32(os.fsencode(path.name)):08x}.{os.getpid()}"
+    beside = path.with_name(f".{name}{path.suffix if len(path.suffix) < 10 else ''}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield beside
@@ -40,14 +44,18 @@ def check_writable(path: Path | str) -> None:
     """Refuses a file that could not be written, before the work whose result it is to hold.
 
     Raises:
-        LanewiseError: a folder has its name, or its folder cannot be written to.
+        LanewiseError: a folder has its name, or the name is too long, or its folder cannot be
+            written to.
     """
     path = Path(path)
-    if path.is_dir():
+    # Path's own function fails where a name is too long.
+    if os.path.isdir(path):
         raise LanewiseError(f"cannot write {path}: a folder has that name")
-    # Its folder may have to be made.
-    place = next(parent for parent in path.absolute().parents if parent.exists())
     try:
+        with suppress(FileNotFoundError):
+            path.lstat()  # fails where a name is too long
+        # Its folder may have to be made.
+        place = next(parent for parent in path.absolute().parents if parent.exists())
         # Permissions alone do not tell: try.
         with tempfile.TemporaryFile(dir=place):
             pass
