@@ -12,12 +12,12 @@ from typing import Annotated, Any
 from lanewise import config, cores, crosschecks
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.train import SEEDS
-from lanewise.errors import LanewiseError, RunError, SettingsError
+from lanewise.errors import LanewiseError, RunError, SettingsError, printable
 from lanewise.experiments import experiment as experiments
+from lanewise.experiments import folder
 from lanewise.experiments.experiment import BUILT_IN, Experiment
 from lanewise.ranges import Between, OneOf
 from lanewise.runs import lock
-from lanewise.runs.folder import require_empty
 from lanewise.settings import TRAPS, Settings
 
 
@@ -73,20 +73,23 @@ def run(parsed: Parsed[Reproduce]) -> int:
     wanted = any(chosen.count(arm, "highway_env_episodes") for arm in chosen.arms)
     if wanted and find_spec("highway_env") is None:
         raise LanewiseError('reproduce needs highway-env: pip install "lanewise[report,highway]"')
-
+    folder.check(command.out, whole)
     from lanewise.experiments import reporting, results, schedule, work
 
     place = (command.out, command.seed, command.trap, overrides)
     jobs = results.jobs(chosen, *place)
-    if not (command.out / "runs").exists():
-        require_empty(command.out)
     every = results.jobs(whole, *place)
     for job in every:
         work.check(job)
+    # Of every job: a test that is damaged, or of another run, is refused before anything is done.
+    done = {job.path for job in every if job.done}
     report = command.out / "report.md"
-    if report.exists() and all(job.done for job in jobs):
+    if report.exists() and all(job.path in done for job in jobs):
         raise RunError(f"{command.out} is complete: see {report}, or choose another folder")
     with lock.held(command.out, "reproducing"):
+        # Whoever had the lock just before may have begun something else meanwhile.
+        folder.check(command.out, whole)
+        folder.mark(command.out, whole)
         # One that lacks what is to be done now would look like that of a complete folder.
         report.unlink(missing_ok=True)
         began = time.monotonic()
@@ -99,7 +102,7 @@ def run(parsed: Parsed[Reproduce]) -> int:
             command=shlex.join(["lanewise", *sys.argv[1:]]),
             times=times | {"everything": time.monotonic() - began},
         )
-    sys.stdout.write(f"{text}\nreport: {path}\n")
+    sys.stdout.write(f"{text}\nreport: {printable(str(path))}\n")
     return 0
 
 

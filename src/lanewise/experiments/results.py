@@ -9,6 +9,7 @@ from typing import Any
 from lanewise.evaluation.episodes import Recording
 from lanewise.experiments import testing, work
 from lanewise.experiments.experiment import Arm, Experiment
+from lanewise.experiments.folder import RUNS
 from lanewise.experiments.work import Job, Test
 from lanewise.runs import metrics, trained
 from lanewise.runs.folder import RunFolder
@@ -166,4 +167,4 @@ def _seconds(line: Mapping[str, Any]) -> float:
 
 
 def _path(out: Path, arm: str, seed: int) -> Path:
-    return out / "runs" / arm / f"seed-{seed}"
+    return out / RUNS / arm / f"seed-{seed}"

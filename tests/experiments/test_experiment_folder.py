@@ -1,0 +1,153 @@
+"""Whose a folder is: nothing of anybody else's is written over by a reproduction."""
+
+import os
+
+import pytest
+
+from lanewise.cli import main
+from lanewise.errors import RunError
+from lanewise.experiments import experiment, folder, reporting, schedule, work
+from lanewise.runs import lock
+
+QUICK = experiment.load("quick")
+
+
+def command(out, *words):
+    return ["reproduce", "--out", str(out), "--highway-env-episodes", "0", *words]
+
+
+def everything(out):
+    return {path: path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()}
+
+
+@pytest.fixture
+def stopped(monkeypatch):
+    """Reproductions that are stopped before they train anything."""
+
+    def interrupted(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(schedule, "run", interrupted)
+
+
+def make(out, *names):
+    for name in names:
+        path = out / name
+        if name.endswith("/"):
+            path.mkdir(parents=True, exist_ok=True)
+        else:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text("precious")
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (("runs/", "report.md"), "is not empty and holds no run"),
+        (("runs/notes.txt", "report.md"), "is not empty and holds no run"),
+        (("runs/hierarchical/",), "is not empty and holds no run"),
+        (("runs", "report.md"), "is not empty and holds no run"),
+        (("runs/mine/seed-0/",), "runs/mine is not of this experiment; choose another"),
+        (("runs/hierarchical/seed-0/", "runs/a.txt"), "runs/a.txt is not of this experiment"),
+        (("runs/hierarchical/seed-0/", "runs/single-level"), "runs/single-level is not of"),
+        (("runs/hierarchical/seed-0/", "runs/hierarchical/best/"), "hierarchical/best is not of"),
+        (("runs/hierarchical/seed-0",), "hierarchical/seed-0 is not of"),
+        (("runs/hierarchical/seed-0/", "report.md"), "report.md is not of this experiment"),
+    ],
+)
+def test_a_folder_of_something_else_is_refused_and_untouched(
+    tmp_path, stopped, capsys, names, said
+):
+    out = tmp_path / "out"
+    make(out, *names)
+    before = everything(out)
+    assert main(command(out)) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("lanewise: error: ")
+    assert said in error
+    assert everything(out) == before
+    assert not (out / lock.NAME).exists()
+
+
+def test_a_folder_says_whose_it_is_and_is_continued(tmp_path, stopped):
+    for name in ("new", "empty/"):
+        out = tmp_path / name
+        make(tmp_path, *([name] if name.endswith("/") else []))
+        assert main(command(out)) == 130
+        written = everything(out)
+        assert sorted(path.name for path in written) == [folder.NAME, lock.NAME]
+        assert main(command(out, "--seeds", "2", "--only", "single-level")) == 130
+        assert everything(out) == written
+    assert (tmp_path / "new" / folder.NAME).read_bytes() == (out / folder.NAME).read_bytes()
+
+
+def test_a_folder_of_another_experiment_is_refused(tmp_path, stopped, capsys):
+    assert main(command(tmp_path / "out")) == 130
+    before = everything(tmp_path)
+    assert main(command(tmp_path / "out", "--preset", "standard")) == 2
+    said = capsys.readouterr().err
+    assert 'out holds experiment "quick", not "standard"; choose another folder' in said
+    assert everything(tmp_path) == before
+
+
+def test_a_folder_from_before_is_continued(tmp_path, stopped):
+    """Folders that do not say whose they are hold this experiment's runs and nothing else."""
+    make(tmp_path, "runs/hierarchical/seed-0/", "runs/single-level/seed-12/", "notes.txt")
+    make(tmp_path, "report.md", "report.json")
+    folder.check(tmp_path, QUICK)
+    (tmp_path / "report.md").unlink()
+    assert main(command(tmp_path)) == 130
+    assert (tmp_path / folder.NAME).exists()
+    assert (tmp_path / "notes.txt").read_text() == "precious"
+
+
+def test_what_began_just_before_the_lock_was_had_is_respected(tmp_path, stopped, monkeypatch):
+    out = tmp_path / "out"
+    monkeypatch.setattr(work, "check", lambda job: make(out, "report.md"))
+    assert main(command(out)) == 2
+    assert (out / "report.md").read_text() == "precious"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "does not name an experiment: Expecting value"),
+        ("[]", "it has other fields"),
+        ('{"experiment": "quick"}', "it has other fields"),
+        ('{"format": "lanewise-run", "experiment": "quick"}', "it is of something else"),
+        ('{"format": "lanewise-experiment", "experiment": 3}', "it is of something else"),
+        ('{"format": "lanewise-experiment", "experiment": "quick", "a": 1}', "other fields"),
+        ('{"format": "lanewise-experiment", "experiment": "\\u001b[2J"}', r'"\\x1b\[2J", not'),
+        (" " * 20_000, "too large"),
+    ],
+)
+def test_what_a_folder_says_is_read_as_a_strangers(tmp_path, text, said):
+    (tmp_path / folder.NAME).write_text(text)
+    with pytest.raises(RunError, match=said) as caught:
+        folder.check(tmp_path, QUICK)
+    assert len(str(caught.value).splitlines()) <= 2
+    assert (tmp_path / folder.NAME).read_text() == text
+
+
+def test_a_name_that_leads_elsewhere_is_not_followed(tmp_path):
+    folder.mark(tmp_path, QUICK)
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / folder.NAME).symlink_to(tmp_path / folder.NAME)
+    with pytest.raises(RunError, match="a link, not a regular file"):
+        folder.check(out, QUICK)
+    (out / folder.NAME).unlink()
+    os.mkfifo(out / folder.NAME)
+    with pytest.raises(RunError, match="a pipe or a device"):
+        folder.check(out, QUICK)
+
+
+def test_the_last_line_names_a_folder_that_no_text_can(tmp_path, monkeypatch, capsys):
+    """Names of files are bytes; standard output takes UTF-8 alone."""
+    out = tmp_path / os.fsdecode(b"caf\xe9")
+    monkeypatch.setattr(schedule, "run", lambda *arguments: {})
+    monkeypatch.setattr(
+        reporting, "write", lambda out, *more, **others: (out / "report.md", "table\n")
+    )
+    assert main(command(out)) == 0
+    assert capsys.readouterr().out.endswith("caf\\udce9/report.md\n")
