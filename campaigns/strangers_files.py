@@ -23,7 +23,7 @@ from lanewise.runs import checkpoint, resume, train, trained, tree
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.metrics import MetricsWriter
 from lanewise.runs.trained import Trained
-from lanewise.settings import STAGES
+from lanewise.settings import STAGES, Settings
 from lanewise.training import host, recipe
 
 STAGE = {
@@ -122,8 +122,13 @@ def _experiment(folder):
     return _plain(experiment.load_file(folder / "experiment.toml"))
 
 
+def tested(folder):
+    """The job whose test lies in the folder of that target, without a training."""
+    return work.Job("tested", "hierarchical", False, Settings(), 0, folder, None, {"lanewise": 40})
+
+
 def _test(folder):
-    return _plain(work.read_test(folder, "lanewise"))
+    return _plain(work.read_test(tested(folder), "lanewise"))
 
 
 def _journal(folder):
@@ -216,7 +221,7 @@ def make(place: Path, real: bool) -> None:
         ):
             (out / target).mkdir()
             (out / target / file).write_text(text)
-        work._store(out / "stored test", "hierarchical", "lanewise", _episodes(seed), 1.5)
+        _tested(out / "stored test", seed)
         _sweep(out / "journal of a sweep" / "progress.jsonl", seed)
         shutil.rmtree(finished / "checkpoints", ignore_errors=True)
 
@@ -320,6 +325,13 @@ def _episodes(seed, count=40):
         goals=np.full(count, 10),
         goals_timed_out=np.arange(count) % 4,
     )
+
+
+def _tested(path, seed):
+    path.mkdir()
+    (path / work.SETTINGS).write_text(config.dump_toml(Settings()))
+    run = work._origin(tested(path))
+    work._store(path, "hierarchical", "lanewise", _episodes(seed), 1.5, run)
 
 
 def _sweep(path, seed):

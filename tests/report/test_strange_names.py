@@ -9,6 +9,7 @@ import pytest
 from fabricate import make_episodes, make_training
 from markdown_it import MarkdownIt
 
+from lanewise import config
 from lanewise.errors import LanewiseError, SettingsError, brief, printable
 from lanewise.experiments import experiment, reporting, results, work
 from lanewise.report import training_curves
@@ -97,7 +98,9 @@ def made(tmp_path, monkeypatch):
     found = experiment.parse("strange", "\n".join(parts))
     jobs = results.jobs(found, tmp_path, 0, "trap-10", {})
     for job in jobs:
-        work._store(job.path, job.controller, "lanewise", make_episodes(), 1.0)
+        job.path.mkdir(parents=True)
+        (job.path / work.SETTINGS).write_text(config.dump_toml(job.settings))
+        work._store(job.path, job.controller, "lanewise", make_episodes(), 1.0, work._origin(job))
     monkeypatch.setattr(reporting.clip, "render", lambda recording, path: None)
     monkeypatch.setattr(results.SeedResult, "record", lambda self, episode=0: None)
     monkeypatch.setattr(

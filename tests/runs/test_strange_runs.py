@@ -136,14 +136,14 @@ def test_a_test_from_before_is_held_against_its_episodes(place, tmp_path):
     tests = place / "whole" / "stored test" / "tests"
     (tmp_path / "tests").mkdir()
     stored = json.loads((tests / "lanewise.json").read_text())
-    del stored["digest"], stored["episodes_sha256"]
+    del stored["digest"], stored["episodes_sha256"], stored["run"]
     table = (tests / "lanewise.csv").read_text()
     (tmp_path / "tests" / "lanewise.csv").write_text(table)
     (tmp_path / "tests" / "lanewise.json").write_text(json.dumps(stored))
-    assert work.read_test(tmp_path, "lanewise").summary.episodes == 40
+    assert work.read_test(strangers_files.tested(tmp_path), "lanewise").summary.episodes == 40
     (tmp_path / "tests" / "lanewise.csv").write_text(table.replace(",25.0,", ",24.0,", 1))
     with pytest.raises(RunError, match="do not agree; delete it"):
-        work.read_test(tmp_path, "lanewise")
+        work.read_test(strangers_files.tested(tmp_path), "lanewise")
 
 
 @pytest.mark.parametrize(
@@ -157,17 +157,19 @@ def test_a_test_from_before_is_held_against_its_episodes(place, tmp_path):
         ({"summary": {"episodes": "40"}}, "is damaged; delete it"),
         ({"summary": {"episodes": 40}}, "is damaged; delete it"),
         ({"episodes_sha256": "0" * 64}, "was altered; delete it"),
+        ({"run": None}, "is a test of another run; delete it"),
+        ({"run": {"seed": 0}}, "is a test of another run; delete it"),
     ],
 )
 def test_a_stored_test_signed_anew_is_checked_all_the_same(place, tmp_path, change, says):
+    shutil.copytree(place / "whole" / "stored test", tmp_path, dirs_exist_ok=True)
     tests = tmp_path / "tests"
-    shutil.copytree(place / "whole" / "stored test" / "tests", tests)
     stored = json.loads((tests / "lanewise.json").read_text()) | change
     if stored.pop("digest") is not None:
         stored["digest"] = reading.digest(stored)
     (tests / "lanewise.json").write_text(json.dumps(stored))
     with pytest.raises(RunError, match=says):
-        work.read_test(tmp_path, "lanewise")
+        work.read_test(strangers_files.tested(tmp_path), "lanewise")
 
 
 def test_a_stored_test_is_no_larger_than_one_can_be(place, tmp_path):
@@ -176,7 +178,7 @@ def test_a_stored_test_is_no_larger_than_one_can_be(place, tmp_path):
     shutil.copytree(place / "whole" / "stored test" / "tests", tests)
     (tests / "lanewise.json").write_text("[" + '{"a":[],"b":{}},' * 10_000 + "0]\n")
     with pytest.raises(RunError, match=r"lanewise.json: too large: larger than 100000 bytes"):
-        work.read_test(tmp_path, "lanewise")
+        work.read_test(strangers_files.tested(tmp_path), "lanewise")
 
 
 def test_tests_are_neither_written_nor_read_through_a_link(place, tmp_path):

@@ -157,7 +157,7 @@ def collect(experiment: Experiment, jobs: Sequence[Job]) -> list[ArmResult]:
 
 
 def _tests(job: Job) -> dict[str, Test]:
-    tests = {world: work.read_test(job.path, world) for world in job.episodes}
+    tests = {world: work.read_test(job, world) for world in job.episodes}
     return {world: test for world, test in tests.items() if test is not None}
 
 

@@ -14,7 +14,7 @@ from lanewise.errors import LanewiseError, RunError
 from lanewise.evaluation import metrics
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.metrics import Summary
-from lanewise.experiments import testing
+from lanewise.experiments import origin, testing
 from lanewise.progress import Progress
 from lanewise.runs import trained
 from lanewise.runs.files import write_atomically
@@ -32,7 +32,7 @@ _LARGEST_TABLE, _LARGEST_SUMMARY, _LARGEST_SETTINGS = 64_000_000, 100_000, 100_0
 """Bytes of a test's episodes, of what is said of them, and of a reference driver's settings."""
 _LONGEST = 1e9
 """Seconds of a test, 30 years."""
-_FIELDS = {"summary", "seconds", "episodes_sha256", "digest"}
+_FIELDS = {"summary", "seconds", "run", "episodes_sha256", "digest"}
 _AGAIN = "; delete it, and the test is driven again"
 
 
@@ -63,7 +63,7 @@ class Job:
     @property
     def done(self) -> bool:
         """Whether nothing of it is left to do."""
-        return all(is_tested(self.path, world, n) for world, n in self.episodes.items())
+        return all(is_tested(self, world, n) for world, n in self.episodes.items())
 
 
 @dataclass(frozen=True)
@@ -109,15 +109,18 @@ def run(job: Job, reporter: Progress) -> dict[str, float]:
         controller = trained.load(job.path)
     else:
         job.path.mkdir(parents=True, exist_ok=True)
-        write_atomically(job.path, {SETTINGS: config.dump_toml(job.settings).encode()})
+        check(job)
+        # Tests remember the file's digest, so that one with the same settings stays as it is.
+        if not (job.path / SETTINGS).exists():
+            write_atomically(job.path, {SETTINGS: config.dump_toml(job.settings).encode()})
         controller = Trained(job.controller, job.settings, job.seed, {})
     for world, count in job.episodes.items():
-        if not is_tested(job.path, world, count):
+        if not is_tested(job, world, count):
             began = time.monotonic()
             episodes = testing.test(controller, world, count, job.seed, reporter)
             seconds = time.monotonic() - began
             times[f"test {job.label} in {world}"] = seconds
-            _store(job.path, controller.name, world, episodes, seconds)
+            _store(job.path, controller.name, world, episodes, seconds, _origin(job))
     return times
 
 
@@ -128,26 +131,26 @@ def _folder(job: Job) -> RunFolder:
     return RunFolder.create(job.path, job.settings, job.controller, job.seed)
 
 
-def is_tested(path: Path, world: str, count: int) -> bool:
+def is_tested(job: Job, world: str, count: int) -> bool:
     """Whether a run has a test of that many episodes.
 
     Raises:
-        RunError: the test is damaged, or its folder is a link.
+        RunError: what it has is damaged, is the test of another run, or its folder is a link.
     """
-    file = _tests_of(path) / f"{world}.json"
-    return file.exists() and _read(file)["summary"]["episodes"] == count
+    file = _tests_of(job.path) / f"{world}.json"
+    return file.exists() and _read_of(job, file)["summary"]["episodes"] == count
 
 
-def read_test(path: Path, world: str) -> Test | None:
+def read_test(job: Job, world: str) -> Test | None:
     """A stored test, None where there is none.
 
     Raises:
-        RunError: its files are damaged, or their folder is a link.
+        RunError: its files are damaged or of another run, or their folder is a link.
     """
-    file = _tests_of(path) / f"{world}.json"
+    file = _tests_of(job.path) / f"{world}.json"
     if not os.path.lexists(file):
         return None
-    stored = _read(file)
+    stored = _read_of(job, file)
     table = file.with_suffix(".csv")
     content = _contents(table, _LARGEST_TABLE)
     # Tests from before the digest was remembered lack it.
@@ -178,12 +181,21 @@ def _agree(stored: Any, again: Any) -> bool:
     return bool(stored == again)
 
 
-def _store(path: Path, name: str, world: str, episodes: Episodes, seconds: float) -> None:
+def _origin(job: Job) -> dict[str, Any]:
+    """What a test of the job remembers of its run."""
+    weights = trained.CONTROLLER if job.trains else None
+    return origin.of(job.path, SETTINGS, job.seed, weights)
+
+
+def _store(
+    path: Path, name: str, world: str, episodes: Episodes, seconds: float, run: dict[str, Any]
+) -> None:
     summary = metrics.summarise(episodes, controller=name, world=world).to_json()
     table = metrics.to_csv(episodes).encode()
     stored: dict[str, Any] = {
         "summary": summary,
         "seconds": round(seconds, 2),
+        "run": run,
         "episodes_sha256": _sha256(table),
     }
     text = json.dumps(stored | {"digest": reading.digest(stored)}, indent=1) + "\n"
@@ -204,6 +216,22 @@ def _tests_of(path: Path) -> Path:
     except reading.UnreadableError as error:
         raise RunError(f"cannot use {folder}: {error}{_AGAIN}") from error
     return folder
+
+
+def _read_of(job: Job, file: Path) -> dict[str, Any]:
+    """What a test left, once it is sure that it is one of this job."""
+    stored = _read(file)
+    try:
+        # Tests from before remember nothing of their run.
+        run = _origin(job) if "run" in stored else None
+        fits = origin.fits(stored, run, job.controller, file.stem)
+    except (KeyError, TypeError) as error:
+        raise RunError(f"{file} is damaged{_AGAIN}") from error
+    except LanewiseError as error:
+        raise RunError(f"{file} cannot be told to be a test of its run: {error}{_AGAIN}") from error
+    if not fits:
+        raise RunError(f"{file} is a test of another run{_AGAIN}")
+    return stored
 
 
 def _read(file: Path) -> dict[str, Any]:
