@@ -162,6 +162,10 @@ EPISODE = {
         ({"episode": -1}, "line 1 holds no episode"),
         ({"decision": 2.5}, "line 1 holds no decision"),
         ({"reward": "high"}, "line 1 holds no reward"),
+        ({"reward": None}, "line 1 holds no reward"),
+        ({"reward": 10**400}, "line 1 .*reward is no plain value"),
+        ({"speed": -1e300}, "line 1 .*speed is no plain value"),
+        ({"decisions": 2**63}, "line 1 holds no decisions"),
         ({"reward": [1.5]}, "reward is no plain value"),
     ],
 )

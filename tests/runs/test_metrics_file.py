@@ -1,3 +1,4 @@
+import json
 import math
 
 import numpy as np
@@ -121,3 +122,14 @@ def test_a_line_cut_short_is_not_appended_to(tmp_path):
     with MetricsWriter(path, None) as writer:
         writer.append({"seconds": 2.0})
     assert read(path) == [{"seconds": 1.0}, {"seconds": 2.0}]
+
+
+@pytest.mark.parametrize("number", [10**400, -(10**400), 1e300], ids=["above", "below", "a float"])
+def test_a_number_that_no_float_could_hold_is_refused(tmp_path, number):
+    """Whoever alters and signs a run anew may write it; sums and means would fail on it."""
+    path = tmp_path / "timings.jsonl"
+    path.write_text(json.dumps({"seconds": 2**53}) + "\n")
+    assert read(path) == [{"seconds": 2**53}]
+    path.write_text(json.dumps({"seconds": number}) + "\n")
+    with pytest.raises(RunError, match=r"line 1 .*seconds is no plain value"):
+        read(path)

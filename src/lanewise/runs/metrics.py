@@ -22,6 +22,8 @@ from lanewise.errors import RunError, brief
 _LONGEST_LINE = 20_000
 """Bytes; ours have a few hundred."""
 _BLOCK = 65_536
+_LARGEST = 1e300
+"""Floats end a little above; whole numbers of JSON end nowhere."""
 
 
 class MetricsWriter:
@@ -142,9 +144,14 @@ def _record(line: bytes) -> dict[str, Any]:
     if not isinstance(record, dict):
         raise ValueError("it is no object")
     for name, value in record.items():
-        if not (value is None or isinstance(value, str | int | float)):
+        if not (value is None or isinstance(value, str) or _is_number(value)):
             raise ValueError(f"{brief(name)} is no plain value")
     return record
+
+
+def _is_number(value: Any) -> bool:
+    """Whether it is a number that floats can hold."""
+    return isinstance(value, int | float) and abs(value) < _LARGEST
 
 
 def _lines(path: Path, end: int | None) -> Iterator[bytes]:

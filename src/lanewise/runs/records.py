@@ -24,6 +24,7 @@ _OPTIONAL = ("validation_", "best_chunk", "high_level_")
 """Begins what not every chunk has."""
 _TEXTS = ("kind", "stage", "accident")
 _COUNTS = ("episode", "decision", "decisions", "chunk", "episodes", "updates", "transitions")
+_LARGEST_COUNT = 2**63
 
 
 def read(path: Path, end: int | None = None, sha256: str | None = None) -> list[dict[str, Any]]:
@@ -55,7 +56,7 @@ def _problem(record: dict[str, Any]) -> str:
     for name, value in record.items():
         if name != "kind" and name not in COLUMNS[kind]:
             return f'has a field "{brief(name)}", which does not belong there'
-        if not _fits(name, value):
+        if not _fits(name, value) or (value is None and kind == "episode"):
             return f"holds no {name}"
     return ""
 
@@ -64,5 +65,5 @@ def _fits(name: str, value: Any) -> bool:
     if name in _TEXTS:
         return isinstance(value, str)
     if name in _COUNTS:
-        return type(value) is int and value >= 0
+        return type(value) is int and 0 <= value < _LARGEST_COUNT
     return value is None or isinstance(value, int | float)
