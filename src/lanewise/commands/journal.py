@@ -16,7 +16,7 @@ from lanewise import reading
 from lanewise.errors import RunError
 from lanewise.evaluation.grid import Outcome, Reach
 from lanewise.runs import lock
-from lanewise.runs.files import write_atomically
+from lanewise.runs.files import PARTIAL, write_atomically
 
 _LARGEST = 1_000_000_000
 _KINDS: dict[str, type] = {"Reach": Reach, "Outcome": Outcome}
@@ -57,14 +57,13 @@ def open_(path: Path, identity: dict[str, Any]) -> Journal:
             is sweeping in it, or the journal is damaged.
     """
     out = path.parent
-    begun = path.exists() or path.is_symlink()
-    if not begun and out.exists() and (not out.is_dir() or set(os.listdir(out)) - {lock.NAME}):
-        raise RunError(f"{out} is not an empty folder and holds no sweep; choose another")
+    check_place(path)
     out.mkdir(parents=True, exist_ok=True)
     locked = lock.acquire(out, "sweeping")
     try:
-        if not begun:
-            path.write_text(json.dumps(identity) + "\n", encoding="utf-8")
+        # Asked once more: whoever had the lock just before may have begun.
+        if not check_place(path):
+            write_atomically(out, {path.name: (json.dumps(identity) + "\n").encode()})
         kept, results, digest = read(path, identity)
         # What a kill has cut short is left out, here and on disk.
         write_atomically(out, {path.name: kept})
@@ -80,6 +79,23 @@ def open_(path: Path, identity: dict[str, Any]) -> Journal:
     )
 
 
+def check_place(path: Path) -> bool:
+    """Whether a sweep has begun in a journal's folder; refuses one that holds something else.
+
+    Raises:
+        RunError: says so.
+    """
+    out = path.parent
+    if os.path.lexists(path):
+        return True
+    if out.exists():
+        # A kill while the journal was begun leaves only these.
+        ours = {lock.NAME, path.name + PARTIAL}
+        if not out.is_dir() or set(os.listdir(out)) - ours:
+            raise RunError(f"{out} is not an empty folder and holds no sweep; choose another")
+    return False
+
+
 def read(path: Path, identity: dict[str, Any]) -> tuple[bytes, list[Reach | Outcome], str]:
     """(the whole lines of a journal, their results, the last one's digest); changes nothing.
 
@@ -88,7 +104,9 @@ def read(path: Path, identity: dict[str, Any]) -> tuple[bytes, list[Reach | Outc
     """
     try:
         content = reading.contents(path, _LARGEST, links=False)
-        head, *lines = list(_whole_lines(content)) or [b"null"]
+        head, *lines = list(_whole_lines(content)) or [b""]
+        if not head:
+            raise ValueError("it holds no line")
         if reading.json_value(head) != identity:
             raise RunError(
                 f"{path.parent} holds another sweep: continue with its options, or choose another"

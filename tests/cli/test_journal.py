@@ -1,0 +1,70 @@
+"""The journal of a sweep: how it is begun, and what a full disk leaves of that."""
+
+import os
+import resource
+from contextlib import contextmanager
+
+import pytest
+
+from lanewise.commands import journal
+from lanewise.errors import RunError
+from lanewise.evaluation.grid import Reach
+from lanewise.runs import lock
+from lanewise.runs.files import PARTIAL
+
+IDENTITY = {"kind": "Sweep", "seed": 0}
+
+
+@contextmanager
+def full_disk():
+    """No file can grow."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def begin(path):
+    book = journal.open_(path, IDENTITY)
+    with book.lock, book.file:
+        book.add([Reach(True, True, True, "01", 2)])
+    return journal.read(path, IDENTITY)[1]
+
+
+def test_a_disk_full_at_the_first_byte_leaves_nothing_in_the_way(tmp_path):
+    path = tmp_path / "map" / "progress.jsonl"
+    with full_disk(), pytest.raises(OSError, match="File too large"):
+        journal.open_(path, IDENTITY)
+    assert os.listdir(path.parent) == [lock.NAME]
+    assert len(begin(path)) == 1
+
+
+def test_what_a_kill_leaves_of_a_beginning_is_not_in_the_way(tmp_path):
+    path = tmp_path / "progress.jsonl"
+    (tmp_path / (path.name + PARTIAL)).write_text('{"kind"')
+    assert len(begin(path)) == 1
+    assert sorted(os.listdir(tmp_path)) == [lock.NAME, path.name]
+
+
+@pytest.mark.parametrize("text", ["", '{"kind": "Swe'])
+def test_a_journal_without_a_whole_line_is_damaged_and_not_anothers(tmp_path, text):
+    path = tmp_path / "progress.jsonl"
+    path.write_text(text)
+    with pytest.raises(RunError, match="is damaged: remove it to begin anew"):
+        journal.open_(path, IDENTITY)
+    assert path.read_text() == text
+
+
+def test_one_begun_just_before_the_lock_was_had_is_kept(tmp_path, monkeypatch):
+    path, acquire = tmp_path / "progress.jsonl", lock.acquire
+
+    def late(*arguments):
+        monkeypatch.setattr(lock, "acquire", acquire)
+        begin(path)
+        return acquire(*arguments)
+
+    monkeypatch.setattr(lock, "acquire", late)
+    with journal.open_(path, IDENTITY).lock:
+        assert len(journal.read(path, IDENTITY)[1]) == 1
