@@ -177,6 +177,36 @@ def test_refusals_never_import_jax(words):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["evaluate", "pretrained/single-level", "--episodes-out", "/proc/a/b.csv"], "/proc/a/b"),
+        (["watch", "pretrained/single-level", "-o", "/proc/a/b.gif"], "cannot write /proc/a/b.gif"),
+        (["bench", "--out", "/proc/a/b.json"], "cannot write /proc/a/b.json: No such file"),
+        (["export", "pretrained/single-level", "-o", "/proc/a/b.npz"], "cannot write /proc/a/b"),
+        (["compare", *["pretrained/single-level"] * 2, "--csv", "/proc/a.csv"], "/proc/a.csv"),
+        (["sweep", "pretrained/single-level", "--out", "."], "not an empty folder"),
+        (["reproduce", "--out", "."], "is not empty and holds no run"),
+        ([*TRAIN, "--high-level", "young"], "young has no finished step-1"),
+        ([*TRAIN[:-1], ".", "--high-level", "lender"], "is not empty and holds no run"),
+        (
+            [*TRAIN, "--high-level", "lender", "--goals.time-limit", "7"],
+            "goals or driving settings",
+        ),
+    ],
+)
+def test_folders_and_files_that_do_not_do_are_refused_without_jax(inside, words, said):
+    (inside / "notes.txt").write_text("mine")
+    for name in ("lender", "young"):
+        RunFolder.create(inside / name, Settings(), "planned", 0).close()
+    (inside / "lender" / "stages").mkdir()
+    (inside / "lender" / "stages" / "step-1.json").touch()
+    done = run_process(*words)
+    assert done.returncode == 2, done.stderr
+    assert said in done.stderr
+    assert sorted(os.listdir(inside)) == ["lender", "notes.txt", "young"]
+
+
 def test_a_list_takes_every_word_that_belongs_to_no_flag():
     words = ["a", "--episodes", "5", "b", "--json", "c", "--csv=d.csv"]
     parsed = parse(compare.Compare, words)

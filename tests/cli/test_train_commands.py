@@ -2,13 +2,21 @@
 
 import csv
 import json
+import os
+from types import SimpleNamespace
 
 import pytest
 from PIL import Image
 
 from lanewise.cli import main
+from lanewise.commands import sweep
+from lanewise.errors import LanewiseError
 from lanewise.evaluation import drive
-from lanewise.runs import lock
+from lanewise.report import files
+from lanewise.report import sweep as maps
+from lanewise.runs import lender, lock
+from lanewise.settings import Settings
+from lanewise.training import recipe
 
 STAGE = {
     "worlds": "2",
@@ -76,6 +84,19 @@ def test_episodes_out_agrees_with_the_summary(run, capsys, tmp_path):
     assert len(rows) == 5
     mean = sum(float(row["travel_distance"]) for row in rows) / 5
     assert mean == pytest.approx(found["travel_distance"], rel=1e-4)
+
+
+@pytest.mark.parametrize("words", [[], ["--json"]])
+def test_episodes_that_cannot_be_written_cost_no_figures(run, capsys, tmp_path, monkeypatch, words):
+    def full(path, episodes):
+        raise LanewiseError(f"cannot write {path}: No space left on device")
+
+    monkeypatch.setattr(files, "write_csv", full)
+    out = ["--episodes-out", str(tmp_path / "e.csv")]
+    assert main(["evaluate", str(run), "--episodes", "5", *out, *words]) == 2
+    said = capsys.readouterr()
+    assert "hierarchical" in said.out
+    assert "No space left" in said.err
 
 
 def test_evaluate_without_json_prints_a_table(run, capsys):
@@ -190,3 +211,20 @@ def test_sweep_refuses_before_it_works(run, tmp_path, capsys):
     (tmp_path / "note").write_text("mine")
     assert main(sweep_words(run, tmp_path)) == 2
     assert "holds no sweep" in capsys.readouterr().err
+
+
+def test_the_last_line_names_a_folder_that_no_text_can(tmp_path, monkeypatch, capsys):
+    """Names of files are bytes; standard output takes UTF-8 alone."""
+    out = tmp_path / os.fsdecode(b"caf\xe9")
+    out.mkdir()
+    (out / sweep.JOURNAL).touch()
+    monkeypatch.setattr(maps, "write_sweep", lambda out, found: out / "map.md")
+    monkeypatch.setattr(maps, "table", lambda cells: "")
+    folder = SimpleNamespace(controller="planned", seed=0, settings=Settings())
+    command = SimpleNamespace(out=out, episodes=1, seed=0, clearance=0.1)
+    sweep._report(command, SimpleNamespace(points=list), folder, SimpleNamespace())
+    assert capsys.readouterr().out.endswith("caf\\udce9/map.md\n")
+
+
+def test_the_name_of_step_1_is_known_without_its_recipe():
+    assert recipe.STEP_1.name == lender.STEP_1

@@ -12,7 +12,7 @@ from lanewise.commands import journal as journals
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.journal import Journal
 from lanewise.commands.train import SEEDS
-from lanewise.errors import RunError, SettingsError
+from lanewise.errors import RunError, SettingsError, printable
 from lanewise.evaluation import grid as grids
 from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
 from lanewise.progress import Progress
@@ -71,6 +71,7 @@ def run(parsed: Parsed[Sweep]) -> int:
     extras.check()
     if (command.out / "map.md").exists():
         raise RunError(f"{command.out} is complete: see {command.out / 'map.md'}")
+    journals.check_place(command.out / JOURNAL)
     from lanewise.runs import trained
 
     controller = trained.load(command.run)
@@ -171,4 +172,4 @@ def _report(command: Sweep, grid: Grid, folder: RunFolder, journal: Journal) -> 
         ),
     )
     (command.out / JOURNAL).unlink()
-    sys.stdout.write(f"{sweep.table(cells)}\n\nmap: {path}\n")
+    sys.stdout.write(f"{sweep.table(cells)}\n\nmap: {printable(str(path))}\n")

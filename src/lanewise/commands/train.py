@@ -9,6 +9,7 @@ from lanewise.commands.arguments import Parsed
 from lanewise.errors import RunError
 from lanewise.progress import Progress
 from lanewise.ranges import Between, OneOf
+from lanewise.runs import lender
 from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1, RunFolder, stages_of
 from lanewise.settings import PRESETS, TRAPS, Settings
 
@@ -62,10 +63,8 @@ def run(parsed: Parsed[Train]) -> int:
         if RunFolder.open(command.high_level).controller not in WITH_STEP_1:
             raise RunError(f"{command.high_level} has no step 1; only {names} runs do")
         if not command.resume:
-            from lanewise.runs import trained
-
             # Before the folder is made: a refused run leaves nothing behind.
-            trained.check_lender(command.high_level, command.values)
+            lender.check_lender(command.high_level, command.values)
     if command.tensorboard:
         from lanewise.runs import views
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import jax
 
-from lanewise import crosschecks
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
-from lanewise.errors import CheckpointError, RunError, SettingsError
+from lanewise.errors import CheckpointError, RunError
 from lanewise.learning import network
 from lanewise.runs import checkpoint, records, shelf, tree
 from lanewise.runs.folder import RunFolder
+from lanewise.runs.lender import check_lender as check_lender
 from lanewise.runs.metrics import MetricsWriter
 from lanewise.settings import Settings
 from lanewise.training import recipe
@@ -204,24 +204,6 @@ def take_over_high_level(folder: RunFolder, source: Path, parts: Parts = OURS) -
         "metrics_bytes": 0,
     }
     save_stage(folder, first, parameters, meta)
-
-
-def check_lender(source: Path, settings: Settings) -> RunFolder:
-    """The run at ``source``, once it is sure that its high level fits these settings.
-
-    Raises:
-        RunError: it has no finished step 1, or the two high levels differ in shape or in what
-            they see.
-    """
-    lender = RunFolder.open(source)
-    first = recipe.STEP_1
-    if not has_stage(lender, first.name):
-        raise RunError(f"{source} has no finished {first.name}: it cannot lend its high level")
-    try:
-        crosschecks.check_high_level(lender.settings, settings)
-    except SettingsError as error:
-        raise RunError(f"{source} {error}") from error
-    return lender
 
 
 def check_parts(folder: RunFolder, parts: Parts) -> None:

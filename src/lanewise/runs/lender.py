@@ -1,0 +1,29 @@
+"""Runs that lend their high level to others. Imports no JAX."""
+
+import os
+from pathlib import Path
+
+from lanewise import crosschecks
+from lanewise.errors import RunError, SettingsError
+from lanewise.runs.folder import RunFolder
+from lanewise.settings import Settings
+
+STEP_1 = "step-1"
+"""Name of `training.recipe.STEP_1`, known without importing it."""
+
+
+def check_lender(source: Path, settings: Settings) -> RunFolder:
+    """The run at ``source``, once it is sure that its high level fits these settings.
+
+    Raises:
+        RunError: it has no finished step 1, or the two high levels differ in shape or in what
+            they see.
+    """
+    lender = RunFolder.open(source)
+    if not os.path.lexists(lender.stages / f"{STEP_1}.json"):
+        raise RunError(f"{source} has no finished {STEP_1}: it cannot lend its high level")
+    try:
+        crosschecks.check_high_level(lender.settings, settings)
+    except SettingsError as error:
+        raise RunError(f"{source} {error}") from error
+    return lender
