@@ -11,7 +11,9 @@ import pytest
 
 from lanewise import config
 from lanewise.cli import main
+from lanewise.errors import LanewiseError
 from lanewise.evaluation import drive
+from lanewise.report import files
 from lanewise.runs import trained
 from lanewise.runs.folder import RunFolder
 from lanewise.training import recipe
@@ -107,12 +109,19 @@ def test_tables_and_files(runs, capsys):
         assert {row["run"] for row in csv.DictReader(lines)} == {"s0", "s1"}
 
 
-def test_figures_are_printed_even_if_a_file_cannot_be_written(runs, capsys):
-    capsys.readouterr()
-    assert main(["compare", "s0", "s1", "--episodes", "2", "--csv", "s0"]) == 2
+def test_a_file_that_cannot_be_written_is_refused_first_and_never_costs_figures(
+    runs, capsys, monkeypatch
+):
+    assert "cannot write s0: a folder has that name" in refused(capsys, "s0", "s1", "--csv", "s0")
+
+    def full(path, text):
+        raise LanewiseError(f"cannot write {path}: No space left on device")
+
+    monkeypatch.setattr(files, "write_text", full)
+    assert main(["compare", "s0", "s1", "--episodes", "2", "--csv", "c.csv"]) == 2
     output = capsys.readouterr()
     assert output.out.startswith("A  s0")
-    assert "cannot write s0" in output.err
+    assert "cannot write c.csv" in output.err
 
 
 def test_other_scenarios_are_refused_unless_one_is_chosen(runs, capsys):

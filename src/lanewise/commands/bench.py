@@ -53,12 +53,12 @@ class Bench:
 def run(parsed: Parsed[Bench]) -> int:
     """Measures; returns the exit code."""
     command = parsed.command
-    if command.out is not None and command.out.exists():
-        raise RunError(f"{command.out} exists; choose another file")
     from lanewise.report import files
 
     if command.out is not None:
         files.check_writable(command.out)
+        if command.out.exists():
+            raise RunError(f"{command.out} exists; choose another file")
     from lanewise.bench import catalogue, peers, ratios, table
     from lanewise.bench.task import Asked
 
