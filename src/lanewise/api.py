@@ -28,6 +28,7 @@ from lanewise.report import files, table
 from lanewise.runs import train as training
 from lanewise.runs import trained, views
 from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1, RunFolder
+from lanewise.runs.lender import check_lender
 from lanewise.runs.trained import Trained
 from lanewise.settings import Settings
 
@@ -164,7 +165,7 @@ def train(
             # Before the folder is made: a refused run leaves nothing behind.
             parts.try_out(composed.scenario, composed.driving)
             if lender is not None:
-                trained.check_lender(lender, composed)
+                check_lender(lender, composed)
             folder = RunFolder.create(
                 path, composed, controller, 0 if seed is None else seed, parts.names()
             )

@@ -13,7 +13,7 @@ from lanewise.errors import CheckpointError, RunError
 from lanewise.learning import network
 from lanewise.runs import checkpoint, records, shelf, tree
 from lanewise.runs.folder import RunFolder
-from lanewise.runs.lender import check_lender as check_lender
+from lanewise.runs.lender import check_lender
 from lanewise.runs.metrics import MetricsWriter
 from lanewise.settings import Settings
 from lanewise.training import recipe
