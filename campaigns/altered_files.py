@@ -200,13 +200,19 @@ def is_beginning(target, said, whole):
     return results == every[: len(results)]
 
 
+def _is_finite(said):
+    """Whether what was loaded holds neither NaN nor infinities, whatever its texts say."""
+    found = []
+    json.loads(said, parse_constant=found.append)
+    return not found
+
+
 def _kind_of_load(target, said, whole):
     """What a file that was loaded is: ``altered`` and ``not finite`` should not have been."""
     if said == whole["whole"]:
         return "same"
     if not target.signed:
-        # JSON's own words for what Python holds.
-        return "not finite" if re.search(r"\b(NaN|Infinity)\b", said) else "valid by hand"
+        return "valid by hand" if _is_finite(said) else "not finite"
     if said == whole["other"]:
         # Of a mixture, the list of an archive's members decides: nothing of the first is left.
         return "the other"

@@ -89,6 +89,7 @@ def test_what_is_written_by_hand_may_say_anything_finite(tmp_path):
     by_hand = SimpleNamespace(name="settings by hand", signed=False)
     for said, problem in (
         ({"speed": 1.0}, ""),
+        ({"title": "step -Infinity"}, ""),
         ({"speed": float("nan")}, "loaded what is not finite"),
         ({"speed": [-float("inf")]}, "loaded what is not finite"),
     ):
