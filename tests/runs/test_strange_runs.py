@@ -187,12 +187,11 @@ def test_tests_are_neither_written_nor_read_through_a_link(place, tmp_path):
     before = {path: path.read_bytes() for path in elsewhere.iterdir()}
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "tests").symlink_to(elsewhere)
+    job, episodes = strangers_files.tested(tmp_path / "run"), strangers_files._episodes(1)
     for use in (
-        lambda: work.read_test(tmp_path / "run", "lanewise"),
-        lambda: work.is_tested(tmp_path / "run", "lanewise", 40),
-        lambda: work._store(
-            tmp_path / "run", "h-dqn", "lanewise", strangers_files._episodes(1), 1.5
-        ),
+        lambda: work.read_test(job, "lanewise"),
+        lambda: work.is_tested(job, "lanewise", 40),
+        lambda: work._store(job.path, "hierarchical", "lanewise", episodes, 1.5, {}),
     ):
         with pytest.raises(RunError, match=r"cannot use .*tests: not a folder; delete it"):
             use()
