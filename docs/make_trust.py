@@ -100,10 +100,19 @@ def _laws(found: Any) -> str:
 
 
 def _learner(found: Any) -> str:
-    return (
-        f"{len(found['rows'])} learners, {found['updates']:,} updates each, layers of "
+    rows, limit = found["rows"], found["limit"]
+    said = (
+        f"{len(rows)} learners, {found['updates']:,} updates each, layers of "
         f"{found['hidden'][0]}: largest relative error {found['worst']:.1e}"
     )
+    for row in rows:
+        if not row["worst"] <= limit:
+            name = f"{row['preset']}, {row['stage']}, {row['level']}"
+            said += (
+                f"; beyond {limit:.0e}: {name}, {row['worst']:.1e}, where the reference with its "
+                f"batches in another order differs from itself by {row['reordered']:.1e}"
+            )
+    return said
 
 
 def _faults(found: Any) -> str:
