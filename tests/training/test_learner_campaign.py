@@ -38,25 +38,32 @@ def test_a_thousand_updates_of_the_single_level_controller(rows, change):
     assert found["last_loss"] > 0.0
 
 
-def test_stored():
-    """What the campaign has left: every learner within the limit, with some preset's settings.
+STORED = json.loads((ROOT / "results" / "trust" / "learner.json").read_text())
+MISSED = {"paper h-dqn high_level"}
+"""What docs/trust.md says of as beyond the limit; once it is within, its test asks to be mended."""
 
-    With others it may be beyond, but then no further than rounding takes the reference from itself,
-    within a factor of ten.
-    """
-    stored = json.loads((ROOT / "results" / "trust" / "learner.json").read_text())
-    assert stored["updates"] >= learner.UPDATES
-    errors = [learner.worst_of(row) for row in stored["rows"]]
-    assert np.max(errors) == stored["worst"]
-    assert stored["limit"] == learner.LIMIT
-    within = [error <= learner.LIMIT for error in errors]
+
+def named(row):
+    """A row of the result as a parameter of a test."""
+    name = " ".join(filter(None, (row[part] for part in ("preset", "stage", "level", "change"))))
+    beyond = pytest.mark.xfail(reason="2.8e-10, told in docs/trust.md", strict=True)
+    return pytest.param(row, id=name, marks=[beyond] if name in MISSED else [])
+
+
+def test_stored():
+    """What the campaign has left: of every level that learns, and of as many updates."""
+    assert STORED["updates"] >= learner.UPDATES
+    assert STORED["limit"] == learner.LIMIT
+    assert np.max([learner.worst_of(row) for row in STORED["rows"]]) == STORED["worst"]
     every = {
         (each.name, level) for each in learner.STAGES for level, _ in recipe.learning(QUICK, each)
     }
-    rows = [row for row, held in zip(stored["rows"], within, strict=True) if held]
-    assert {(row["stage"], row["level"]) for row in rows} == every
-    for row, error, held in zip(stored["rows"], errors, within, strict=True):
-        assert held or error <= 10 * row["reordered"]
+    assert {(row["stage"], row["level"]) for row in STORED["rows"]} == every
+
+
+@pytest.mark.parametrize("row", [named(row) for row in STORED["rows"]])
+def test_stored_within_the_limit(row):
+    assert learner.worst_of(row) <= learner.LIMIT
 
 
 @pytest.mark.parametrize("name", ["loss", "online", "target"])
