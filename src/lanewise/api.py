@@ -23,7 +23,7 @@ from lanewise.evaluation.outside import OutsideCourse
 from lanewise.experiments import testing
 from lanewise.names import look_up
 from lanewise.progress import Progress
-from lanewise.ranges import Between, Kind
+from lanewise.ranges import EPISODES, SEEDS, Kind
 from lanewise.report import files, table
 from lanewise.runs import train as training
 from lanewise.runs import trained, views
@@ -37,9 +37,9 @@ __all__ = ["Evaluation", "Parts", "evaluate", "train"]
 WORLDS = ("lanewise", "highway-env")
 SECTIONS = tuple(part.name for part in fields(Settings))
 """Of the settings, what a training heeds: all."""
-SEED = Kind(int, None, Between(0, 2**31 - 1))
+SEED = Kind(int, None, SEEDS)
 """As of the command line."""
-EPISODES = Kind(int, None, Between(1, 10_000_000))
+COUNT = Kind(int, None, EPISODES)
 """As of the command line."""
 PATH, SWITCH, TEXT = Kind(Path), Kind(bool), Kind(str)
 
@@ -218,7 +218,7 @@ def evaluate(
         LanewiseError: an argument makes no sense, or the policy chose what does not exist.
     """
     look_up("world", world, dict.fromkeys(WORLDS))
-    episodes, seed = _whole(EPISODES, "episodes", episodes), _whole(SEED, "seed", seed)
+    episodes, seed = _whole(COUNT, "episodes", episodes), _whole(SEED, "seed", seed)
     SWITCH.check("quiet", quiet)
     if isinstance(policy, str | Path | Trained):
         for option, value in {"name": name, "actions": actions, "batched": batched}.items():

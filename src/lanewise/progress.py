@@ -153,6 +153,13 @@ def unfailing(stream: TextIO) -> TextIO:
     return cast(TextIO, UnfailingStream(stream))
 
 
+def tell(line: str) -> None:
+    """Says on standard error how far a command is, if that can be written."""
+    stream = unfailing(sys.stderr)
+    stream.write(line + "\n")
+    stream.flush()
+
+
 def _make_bar(stream: TextIO) -> Bar:
     return Bar(
         TextColumn("{task.description}"),

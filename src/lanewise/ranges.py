@@ -44,6 +44,12 @@ class Between:
         return f"between {_plain(self.low)} and {_plain(self.high)}{unit}"
 
 
+SEEDS = Between(0, 2**31 - 1)
+"""Of everything random."""
+EPISODES = Between(1, 10_000_000)
+"""Of one test."""
+
+
 @dataclass(frozen=True)
 class OneOf:
     """The names a text setting may take."""

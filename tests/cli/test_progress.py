@@ -1,8 +1,11 @@
 import io
+import sys
+from pathlib import Path
 
 import pytest
 
-from lanewise.progress import Progress
+from lanewise import commands
+from lanewise.progress import Progress, tell
 
 
 class Clock:
@@ -111,3 +114,17 @@ def test_nothing_ends_because_its_progress_cannot_be_shown(terminal):
         progress.update(50, success_rate=0.5)
         progress.note("a warning")
         progress.update(100)
+
+
+def test_nor_because_a_command_cannot_say_how_far_it_is(monkeypatch):
+    """`lanewise watch ... 2>&1 | head` must leave its clip."""
+    monkeypatch.setattr(sys, "stderr", Gone(terminal=False))
+    tell("drawing")
+    monkeypatch.undo()
+    for module in Path(commands.__file__).parent.glob("*.py"):
+        assert "sys.stderr.write" not in module.read_text(), module.name
+
+
+def test_what_a_command_says_stands_on_a_line(capsys):
+    tell("drawing")
+    assert capsys.readouterr().err == "drawing\n"

@@ -118,7 +118,7 @@ def test_parts_that_a_controller_was_not_trained_with_are_not_passed_over():
 
 def test_as_many_episodes_as_on_the_command_line():
     hint = get_type_hints(Evaluate, include_extras=True)["episodes"]
-    assert Kind.of(hint) == api.EPISODES
+    assert Kind.of(hint) == api.COUNT
 
 
 @pytest.mark.usefixtures("driven")

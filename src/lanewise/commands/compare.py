@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from lanewise import config
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.evaluate import WORLDS
-from lanewise.commands.train import SEEDS
 from lanewise.errors import RunError
 from lanewise.progress import Progress
-from lanewise.ranges import Between, OneOf, show
+from lanewise.ranges import EPISODES, SEEDS, OneOf, show
 from lanewise.runs import shelf
 from lanewise.runs.folder import RunFolder
 from lanewise.settings import Settings
@@ -43,7 +42,7 @@ class Compare:
     the first."""
     world: Annotated[str, OneOf(WORLDS)] = "lanewise"
     """World to drive in: ours, or the real highway-env from the same starts."""
-    episodes: Annotated[int, Between(1, 10_000_000)] = 300
+    episodes: Annotated[int, EPISODES] = 300
     """Number of test episodes of each run."""
     seed: Annotated[int, SEEDS] = 0
     """Seed of the starts."""

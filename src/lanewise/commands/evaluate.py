@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Annotated
 
 from lanewise.commands.arguments import Parsed
-from lanewise.commands.train import SEEDS
 from lanewise.controllers.settings import RENEWALS
 from lanewise.errors import RunError
 from lanewise.progress import Progress
-from lanewise.ranges import Between, OneOf
+from lanewise.ranges import EPISODES, SEEDS, OneOf
 from lanewise.runs import shelf
 
 WORLDS = ("lanewise", "highway-env")
@@ -26,7 +25,7 @@ class Evaluate:
     """Run folder of a trained controller, pretrained/NAME or reference/NAME."""
     world: Annotated[str, OneOf(WORLDS)] = "lanewise"
     """World to drive in: ours, or the real highway-env from the same starts."""
-    episodes: Annotated[int, Between(1, 10_000_000)] = 300
+    episodes: Annotated[int, EPISODES] = 300
     """Number of test episodes."""
     seed: Annotated[int, SEEDS] = 0
     """Seed of the starts: start i of a seed is the same in every world."""

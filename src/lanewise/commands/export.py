@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.evaluate import WITH_GOALS
-from lanewise.commands.train import SEEDS
 from lanewise.controllers.settings import RENEWALS
 from lanewise.errors import RunError
 from lanewise.export import formats
-from lanewise.progress import Progress
-from lanewise.ranges import Between, OneOf
+from lanewise.progress import Progress, tell
+from lanewise.ranges import SEEDS, Between, OneOf
 from lanewise.runs import shelf
 from lanewise.runs.folder import RunFolder
 
@@ -57,7 +56,7 @@ def run(parsed: Parsed[Export]) -> int:
     digest = RunFolder.open(shelf.locate(command.run)).digest
     policy = contents.policy(controller, digest, command.renewal)
     formats.save(policy, command.out)
-    sys.stderr.write(f"wrote {command.out}\n")
+    tell(f"wrote {command.out}")
     found = _compare(controller, command) if command.check else None
     if command.json:
         result = None if found is None else found.to_json()

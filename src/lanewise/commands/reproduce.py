@@ -11,12 +11,12 @@ from typing import Annotated, Any
 
 from lanewise import config, cores, crosschecks
 from lanewise.commands.arguments import Parsed
-from lanewise.commands.train import SEEDS
 from lanewise.errors import LanewiseError, RunError, SettingsError, printable
 from lanewise.experiments import experiment as experiments
 from lanewise.experiments import folder
 from lanewise.experiments.experiment import BUILT_IN, Experiment
-from lanewise.ranges import Between, OneOf
+from lanewise.progress import tell
+from lanewise.ranges import EPISODES, SEEDS, Between, OneOf
 from lanewise.runs import lock
 from lanewise.settings import TRAPS, Settings
 
@@ -42,7 +42,7 @@ class Reproduce:
     """First seed."""
     seeds: Annotated[int, Between(1, 1000)] | None = None
     """Number of seeds, instead of the experiment's."""
-    episodes: Annotated[int, Between(1, 10_000_000)] | None = None
+    episodes: Annotated[int, EPISODES] | None = None
     """Test episodes a seed in our world, instead of the experiment's."""
     highway_env_episodes: Annotated[int, Between(0, 10_000_000)] | None = None
     """Test episodes a seed in the real highway-env, the first of the same starts; 0 for none."""
@@ -94,7 +94,7 @@ def run(parsed: Parsed[Reproduce]) -> int:
         report.unlink(missing_ok=True)
         began = time.monotonic()
         times = schedule.run(jobs, command.processes or len(cores.usable()), sys.stderr)
-        sys.stderr.write("writing the report\n")
+        tell("writing the report")
         path, text = reporting.write(
             command.out,
             whole,

@@ -11,12 +11,11 @@ from lanewise import config
 from lanewise.commands import journal as journals
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.journal import Journal
-from lanewise.commands.train import SEEDS
 from lanewise.errors import RunError, SettingsError, printable
 from lanewise.evaluation import grid as grids
 from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
 from lanewise.progress import Progress
-from lanewise.ranges import Between
+from lanewise.ranges import SEEDS, Between
 from lanewise.runs import shelf
 from lanewise.runs.folder import RunFolder
 from lanewise.scenario.settings import EgoSpeed, FrontDistance, Lanes, SideDistance, TrapSpeed

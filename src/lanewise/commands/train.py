@@ -1,19 +1,16 @@
 """``lanewise train``: trains a controller into a run folder, or continues one."""
 
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 from lanewise.commands.arguments import Parsed
 from lanewise.errors import RunError
-from lanewise.progress import Progress
-from lanewise.ranges import Between, OneOf
+from lanewise.progress import Progress, tell
+from lanewise.ranges import SEEDS, OneOf
 from lanewise.runs import lender
 from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1, RunFolder, stages_of
 from lanewise.settings import PRESETS, TRAPS, Settings
-
-SEEDS = Between(0, 2**31 - 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +71,7 @@ def run(parsed: Parsed[Train]) -> int:
 
         with Progress() as reporter:
             train(folder, command.high_level, reporter, tensorboard=command.tensorboard)
-        sys.stderr.write(f"finished: {folder.path}; lanewise evaluate {folder.path} tests it\n")
+        tell(f"finished: {folder.path}; lanewise evaluate {folder.path} tests it")
     return 0
 
 

@@ -1,15 +1,14 @@
 """``lanewise watch``: draws an episode from above into a GIF or MP4."""
 
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.evaluate import WORLDS
-from lanewise.commands.train import SEEDS
 from lanewise.errors import SettingsError
-from lanewise.ranges import Between, OneOf
+from lanewise.progress import tell
+from lanewise.ranges import SEEDS, Between, OneOf
 from lanewise.runs import shelf
 
 FORMATS = (".gif", ".mp4")
@@ -46,9 +45,9 @@ def run(parsed: Parsed[Watch]) -> int:
     from lanewise.runs import trained
 
     controller = trained.load(command.run)
-    sys.stderr.write("driving\n")
+    tell("driving")
     recording = testing.record(controller, command.world, command.seed, command.episode)
-    sys.stderr.write("drawing\n")
+    tell("drawing")
     clip.render(recording, command.out)
-    sys.stderr.write(f"wrote {command.out}\n")
+    tell(f"wrote {command.out}")
     return 0

@@ -7,8 +7,7 @@ from typing import Any
 
 from lanewise import reading
 from lanewise.runs import checkpoint
-
-_LARGEST_SETTINGS = 100_000
+from lanewise.runs.folder import LARGEST_SETTINGS
 
 
 def of(path: Path, settings: str, seed: int, controller: str | None) -> dict[str, Any]:
@@ -24,7 +23,7 @@ def of(path: Path, settings: str, seed: int, controller: str | None) -> dict[str
         UnreadableError: the settings cannot be read.
         CheckpointError: there are no weights, or they are damaged.
     """
-    text = reading.contents(path / settings, _LARGEST_SETTINGS, links=False)
+    text = reading.contents(path / settings, LARGEST_SETTINGS, links=False)
     return {
         "seed": seed,
         "settings_sha256": hashlib.sha256(text).hexdigest(),

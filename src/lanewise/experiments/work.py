@@ -18,7 +18,7 @@ from lanewise.experiments import origin, testing
 from lanewise.progress import Progress
 from lanewise.runs import trained
 from lanewise.runs.files import write_atomically
-from lanewise.runs.folder import RunFolder
+from lanewise.runs.folder import LARGEST_SETTINGS, RunFolder
 from lanewise.runs.train import train
 from lanewise.runs.trained import Trained
 from lanewise.settings import Settings
@@ -28,8 +28,8 @@ SETTINGS = "settings.toml"
 """What a reference driver was tested with; a training has its own in its run folder."""
 TESTS = "tests"
 """Folder of a run that holds its tests."""
-_LARGEST_TABLE, _LARGEST_SUMMARY, _LARGEST_SETTINGS = 64_000_000, 100_000, 100_000
-"""Bytes of a test's episodes, of what is said of them, and of a reference driver's settings."""
+_LARGEST_TABLE, _LARGEST_SUMMARY = 64_000_000, 100_000
+"""Bytes of a test's episodes and of what is said of them."""
 _LONGEST = 1e9
 """Seconds of a test, 30 years."""
 _FIELDS = {"summary", "seconds", "run", "episodes_sha256", "digest"}
@@ -87,7 +87,7 @@ def check(job: Job) -> None:
         RunFolder.resume(job.path, job.settings, job.controller, job.seed).close()
     elif not job.trains and os.path.lexists(file := job.path / SETTINGS):
         try:
-            data = reading.contents(file, _LARGEST_SETTINGS, links=False)
+            data = reading.contents(file, LARGEST_SETTINGS, links=False)
         except reading.UnreadableError as error:
             raise RunError(f"cannot read {file}: {error}; choose another folder") from error
         difference = config.first_difference(config.compose_from(data, file), job.settings)

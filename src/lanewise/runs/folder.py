@@ -29,7 +29,7 @@ from typing import IO, Any
 
 from lanewise import config, cores, crosschecks, reading
 from lanewise.errors import RunError, SettingsError, brief
-from lanewise.ranges import show
+from lanewise.ranges import SEEDS, show
 from lanewise.runs.files import PARTIAL, write_atomically
 from lanewise.runs.lock import acquire
 from lanewise.settings import Settings
@@ -41,10 +41,11 @@ CONTROLLERS = ("hierarchical", "single-level", "planned", "h-dqn")
 """What can be trained."""
 WITH_STEP_1 = ("hierarchical", "planned")
 """Controllers whose training begins with step 1, and can take it over from another run."""
-LARGEST_SEED = 2**31 - 1
+LARGEST_SEED = int(SEEDS.high)
 _OURS = {"lock", "settings.toml"}
 _LARGEST_MANIFEST = 100_000
-_LARGEST_SETTINGS = 100_000
+LARGEST_SETTINGS = 100_000
+"""Bytes of a file with every setting."""
 _FILES = (
     *("run.json", "settings.toml", "lock", "metrics.jsonl", "timings.jsonl"),
     *("episodes.csv", "chunks.csv"),
@@ -280,7 +281,7 @@ def _check_identity(file: Path, manifest: dict[str, Any]) -> None:
 def _read_settings(path: Path, manifest: dict[str, Any]) -> Settings:
     file = path / "settings.toml"
     try:
-        data = reading.contents(file, _LARGEST_SETTINGS, links=False)
+        data = reading.contents(file, LARGEST_SETTINGS, links=False)
         settings = config.compose_from(data, file)
     except reading.UnreadableError as error:
         raise RunError(f"cannot read settings file {file}: {error}") from error

@@ -1,0 +1,138 @@
+"""How commands end that do not run to their end: interrupted, nowhere to write, nobody to read."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from lanewise import cli
+from lanewise.cli import main
+
+TRAIN = ["train", "hierarchical", "--out", "run"]
+
+
+@pytest.fixture(autouse=True)
+def inside(tmp_path, monkeypatch):
+    """Runs every test in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def fail_with(error, monkeypatch):
+    def runner(parsed):
+        raise error
+
+    monkeypatch.setitem(cli.RUNNERS, "train", runner)
+
+
+def test_interruption_says_how_to_go_on(tmp_path, monkeypatch, capsys):
+    fail_with(KeyboardInterrupt(), monkeypatch)
+    monkeypatch.chdir(tmp_path)
+    words = ["train", "hierarchical", "--out", "my run", "--seed", "3", "--high-level", "step 1"]
+    assert main(words) == 130
+    error = capsys.readouterr().err
+    expected = "lanewise train hierarchical --out 'my run' --high-level 'step 1' --resume"
+    assert error.splitlines()[-1].strip() == expected
+    assert "interrupted; continue with:" in error
+    # Once its step 1 is taken over, the other run is wanted no more.
+    (tmp_path / "my run" / "stages").mkdir(parents=True)
+    assert main(words) == 130
+    expected = "lanewise train hierarchical --out 'my run' --resume"
+    assert capsys.readouterr().err.splitlines()[-1].strip() == expected
+
+
+def test_interruption_after_the_settings_file_was_edited(inside, monkeypatch, capsys):
+    settings = inside / "mine.toml"
+    settings.write_text("[scenario]\ntrap_speed = 9.5\n")
+
+    def edited_meanwhile(parsed):
+        settings.write_text("[scenario]\ntrap_sped =")
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(cli.RUNNERS, "train", edited_meanwhile)
+    assert main([*TRAIN, "--settings", "mine.toml"]) == 130
+    expected = "lanewise train hierarchical --out run --resume"
+    assert capsys.readouterr().err.splitlines()[-1].strip() == expected
+
+
+def test_sigterm_is_an_interruption_too(monkeypatch, capsys):
+    """And only while a command runs."""
+
+    def cleared(parsed):
+        os.kill(os.getpid(), signal.SIGTERM)
+        raise AssertionError("still running")
+
+    monkeypatch.setitem(cli.RUNNERS, "sweep", cleared)
+    assert main(["sweep", "run", "--out", "map"]) == 130
+    expected = "lanewise: interrupted; the same command continues it"
+    assert capsys.readouterr().err.strip() == expected
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+INTERRUPTED_UNHEARD = """
+import os, signal, sys
+from lanewise import cli
+
+def stopped(parsed):
+    sys.stdout.write("half a line")
+    raise KeyboardInterrupt
+
+cli.RUNNERS["train"] = stopped
+sys.exit(cli.main(["train", "single-level", "--out", "run"]))
+"""
+
+
+def test_an_interruption_that_nobody_hears_of(tmp_path):
+    """As of `lanewise train ... 2>&1 | tee log`, where Ctrl-C ends `tee` as well."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    words = [sys.executable, "-c", INTERRUPTED_UNHEARD]
+    # What was not written yet must not fail at the very end either.
+    buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    done = subprocess.run(
+        words, stdout=writing, stderr=writing, cwd=tmp_path, env=buffered, check=False
+    )
+    os.close(writing)
+    assert done.returncode == 130
+
+
+@pytest.mark.parametrize(
+    ("error", "hint"),
+    [
+        (OSError(28, "No space left on device", "run/x"), "No space left on device: run/x"),
+        (PermissionError(13, "Permission denied", "run"), "Permission denied: run"),
+        (OSError("odd"), "odd"),
+    ],
+)
+def test_trouble_with_the_disk_is_one_line(error, hint, monkeypatch, capsys):
+    fail_with(error, monkeypatch)
+    assert main(TRAIN) == 2
+    assert capsys.readouterr().err == f"lanewise: error: {hint}\n"
+
+
+def test_a_full_disk_behind_standard_output():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "lanewise", "--version"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert (done.returncode, done.stderr) == (2, "lanewise: error: No space left on device\n")
+
+
+def test_a_reader_that_leaves_is_no_error():
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [sys.executable, "-m", "lanewise", "train", "--help"],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (0, "")
