@@ -32,6 +32,7 @@ from lanewise.world.settings import DriverSettings
 
 pytestmark = pytest.mark.usefixtures("float64")
 RNG_SEED = 3
+run = jax.jit(tick.run, static_argnums=(1, 2))
 
 
 @pytest.fixture
@@ -187,6 +188,13 @@ def test_bicycle(scene):
 def test_separating_axes(make_world):
     rng = np.random.default_rng(5)
     met = set()
+
+    @jax.jit
+    def of_the_first_two(world):
+        everyone = boxes.of_vehicles(world, motion.facing(world.vehicles))
+        mine, theirs = (boxes.Box(*(value[i] for value in everyone)) for i in range(2))
+        return boxes.overlap(mine, theirs, 0.1)
+
     for _ in range(300):
         world = make_world(
             rng.uniform(0, 7, 2), [0, 0], rng.uniform(-5, 30, 2), y=rng.uniform(-2, 2, 2),
@@ -194,9 +202,7 @@ def test_separating_axes(make_world):
         )  # fmt: skip
         a, b = build_env(world).road.vehicles
         now, soon, way = a._is_colliding(b, 0.1)
-        everyone = boxes.of_vehicles(world, motion.facing(world.vehicles))
-        mine, theirs = (boxes.Box(*(value[i] for value in everyone)) for i in range(2))
-        ours = boxes.overlap(mine, theirs, 0.1)
+        ours = of_the_first_two(world)
         assert (bool(ours.now), bool(ours.soon)) == (now, soon)
         if soon:
             np.testing.assert_allclose([ours.x, ours.y], way, atol=1e-12)
@@ -231,10 +237,11 @@ def test_command_table_is_in_the_order_of_highway_env(scene):
 
 
 def test_many_ticks_equal_one_by_one(scene):
-    together = tick.run(scene.world, 0.1, 3)
+    together = run(scene.world, 0.1, 3)
     world = scene.world
+    one = jax.jit(tick.tick)
     for _ in range(3):
-        world = tick.tick(world, 0.1)
+        world = one(world, 0.1)
     np.testing.assert_allclose(together.vehicles.x, world.vehicles.x, rtol=1e-14)
 
 
@@ -244,14 +251,14 @@ def test_batched_worlds_are_the_single_ones(make_world):
     lane = rng.integers(0, 3, 10)
     speeds = rng.uniform(5, 20, (2, 3, 10))
     worlds = [[make_world(np.arange(10) * 14.0, lane, speed) for speed in row] for row in speeds]
-    singles = [[tick.run(world, 0.1, 40) for world in row] for row in worlds]
+    singles = [[run(world, 0.1, 40) for world in row] for row in worlds]
     assert any(bool(world.vehicles.crashed.any()) for row in singles for world in row)
     shared = worlds[0][0]
     axes = jax.tree.map(lambda _: None, shared)
     axes = replace(axes, vehicles=replace(axes.vehicles, speed=0))
     together = replace(shared, vehicles=replace(shared.vehicles, speed=jnp.array(speeds)))
-    each = jax.vmap(lambda world: tick.run(world, 0.1, 40), in_axes=(axes,))
-    found = jax.vmap(each, in_axes=(axes,))(together).vehicles
+    each = jax.vmap(lambda world: run(world, 0.1, 40), in_axes=(axes,))
+    found = jax.jit(jax.vmap(each, in_axes=(axes,)))(together).vehicles
     for row, column in np.ndindex(2, 3):
         mine = jax.tree.map(lambda leaf, at=(row, column): leaf[at], found)
         jax.tree.map(
@@ -295,17 +302,21 @@ def test_the_quick_test_of_collisions_never_misses_a_pair(make_world):
     """Crowded worlds with all headings, speeds and sizes: whoever touches is a candidate."""
     rng = np.random.default_rng(8)
     count, touching = 12, 0
+
+    @jax.jit
+    def quick_and_exact(world):
+        everyone = boxes.of_vehicles(world, motion.facing(world.vehicles))
+        a, b = (boxes.Box(*(value.reshape(shape) for value in everyone)) for shape in PAIRS)
+        return collision.candidates(world, everyone, 0.1)[0], boxes.overlap(a, b, 0.1)
+
     for _ in range(100):
         world = make_world(
             rng.uniform(0, 15, count), [0] * count, rng.normal(0, 20, count),
             y=rng.uniform(-8, 8, count), heading=rng.normal(0, 1, count) * rng.choice([0.1, 1, 4]),
         )  # fmt: skip
         world = replace(world, drivers=replace(world.drivers, length=rng.uniform(2, 9, count)))
-        everyone = boxes.of_vehicles(world, motion.facing(world.vehicles))
-        met = np.asarray(collision.candidates(world, everyone, 0.1)[0])
-        met = (met[:, None] >> np.arange(count)) & 1 == 1
-        a, b = (boxes.Box(*(value.reshape(shape) for value in everyone)) for shape in PAIRS)
-        exact = boxes.overlap(a, b, 0.1)
+        found, exact = jax.device_get(quick_and_exact(world))
+        met = (found[:, None] >> np.arange(count)) & 1 == 1
         touches = np.triu(exact.now | exact.soon, 1)
         touching += touches.sum()
         assert np.all(met | ~(touches | touches.T))
