@@ -28,6 +28,8 @@ PAPER = start(10.0, 10.0, 15.62, 6.61)
 HOPELESS = start(13.0, 8.0, 14.8, 7.43)
 THREADED = start(13.0, 8.0, 14.8, 6.61)
 """To be won only between the trap cars, a centimetre from either."""
+BLOCK = 128
+"""States that are driven together, filled up, so that one program is compiled."""
 
 
 def stopping_gap(it):
@@ -83,25 +85,30 @@ def test_a_hopeless_start_ends_in_an_accident_whatever_is_done():
         one = partial(episode.step, DRIVING, duration=50)
         return jax.vmap(lambda s: jax.vmap(lambda a: one(s, a))(jnp.arange(9)))(states)
 
+    def survivors(states):
+        count = len(states.decisions)
+        padded = jax.tree.map(
+            lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], BLOCK - count, 0)]), states
+        )
+        after, outcome = jax.device_get(step_all(padded))
+        alive = ~outcome.terminated[:count]
+        return jax.tree.map(lambda leaf: leaf[:count][alive], after)
+
+    def of_block(states, first):
+        return jax.tree.map(lambda leaf: leaf[first : first + BLOCK], states)
+
     state = episode.begin(escapes.begin(COURSE, escapes.numbers(HOPELESS)))
     states = jax.tree.map(lambda leaf: np.asarray(leaf)[None], state)
     driven = decisions = 0
     while True:
-        count = len(states.decisions)
-        # Powers of two compile a few times only.
-        padded = jax.tree.map(
-            lambda leaf: np.concatenate(
-                [leaf, np.repeat(leaf[-1:], (1 << (count - 1).bit_length()) - count, 0)]  # noqa: B023
-            ),
-            states,
-        )
-        after, outcome = jax.device_get(step_all(padded))
-        alive = ~outcome.terminated[:count]
-        states = jax.tree.map(lambda leaf: leaf[:count][alive], after)  # noqa: B023
-        driven += int(alive.sum())
+        firsts = range(0, len(states.decisions), BLOCK)
+        left = [survivors(of_block(states, first)) for first in firsts]
+        states = jax.tree.map(lambda *parts: np.concatenate(parts), *left)
+        alive = len(states.decisions)
+        driven += alive
         decisions += 1
         assert not states.escaped.any()
-        if not alive.any():
+        if not alive:
             break
         assert decisions < 50
     # One decision later than the search, which gives up what is sure to be hit in the next tick.
