@@ -27,6 +27,10 @@ def whole(tmp_path_factory):
     """A run that was never stopped."""
     path = tmp_path_factory.mktemp("whole") / "run"
     flags = small_runs.flags(chunks=5)
-    with small_runs.create(path, flags, "hierarchical", seed=4) as folder:
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        small_runs.create(path, flags, "hierarchical", seed=4) as folder,
+    ):
+        patch.setattr(train, "INTERVAL", 0.0)
         train.train(folder, None, Quiet())
     return path
