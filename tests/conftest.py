@@ -1,32 +1,57 @@
 """What all tests share: programs that one test has compiled are found by the next."""
 
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 CACHE = "JAX_COMPILATION_CACHE_DIR"
+SHELF = pytest.StashKey[Path]()
+"""Where the processes of a run find each other's programs."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let each process of a run, and the commands it starts, keep compiled programs till its end.
+    """Let the processes of a run, and the commands they start, share programs till its end.
 
-    One place for all processes would not do: JAX reads what another has not written to its end.
     Whoever sets the variable keeps programs from run to run.
     """
-    runs_tests = hasattr(config, "workerinput") or not config.getoption("numprocesses", None)
-    if runs_tests and CACHE not in os.environ:
-        place = tempfile.TemporaryDirectory(prefix="lanewise-tests-")
-        os.environ[CACHE] = place.name
-        config.add_cleanup(place.cleanup)
+    if CACHE not in os.environ:
+        os.environ[CACHE] = _temporary(config)
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+    # Else a program's name would depend on where it is kept.
+    os.environ["JAX_PERSISTENT_CACHE_ENABLE_XLA_CACHES"] = "none"
+    if hasattr(config, "workerinput") or not config.getoption("numprocesses", None):
+        # JAX reads what another process has not written to its end: each has a folder of its own.
+        shelf = config.stash[SHELF] = Path(os.environ[CACHE])
+        shelf.mkdir(parents=True, exist_ok=True)
+        os.environ[CACHE] = _temporary(config)
+
+
+def _temporary(config: pytest.Config) -> str:
+    place = tempfile.TemporaryDirectory(prefix="lanewise-tests-")
+    config.add_cleanup(place.cleanup)
+    return place.name
+
+
+def _add(there: Path, here: Path) -> None:
+    """Every program that is there and not yet here."""
+    for program in there.glob("*-cache"):
+        if not (here / program.name).exists():
+            beside = here / f"{program.name}.{os.getpid()}"
+            shutil.copyfile(program, beside)
+            beside.replace(here / program.name)
 
 
 @pytest.fixture(autouse=True, scope="module")
-def forget_programs() -> Iterator[None]:
+def forget_programs(pytestconfig: pytest.Config) -> Iterator[None]:
     """After each file let go of its compiled programs: all together they would take gigabytes."""
+    shelf, own = pytestconfig.stash[SHELF], Path(os.environ[CACHE])
+    _add(shelf, own)
     yield
+    _add(own, shelf)
     import jax
 
     jax.clear_caches()
