@@ -46,12 +46,13 @@ def _add(there: Path, here: Path) -> None:
 
 
 @pytest.fixture(autouse=True, scope="module")
-def forget_programs(pytestconfig: pytest.Config) -> Iterator[None]:
-    """After each file let go of its compiled programs: all together they would take gigabytes."""
+def compiled_programs(pytestconfig: pytest.Config) -> Iterator[None]:
+    """Before each file fetch the programs of other processes, after it hand over one's own."""
     shelf, own = pytestconfig.stash[SHELF], Path(os.environ[CACHE])
     _add(shelf, own)
     yield
     _add(own, shelf)
     import jax
 
+    # In memory all together would take gigabytes.
     jax.clear_caches()
