@@ -76,6 +76,7 @@ def refused(capsys, *words):
     return output.err
 
 
+@pytest.mark.slow
 def test_json_agrees_with_evaluate(runs, capsys):
     printed = compare(capsys, "s0", "s1", "wide", "--json", "--seed", "3")
     assert printed.count("\n") == 1

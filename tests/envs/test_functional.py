@@ -31,6 +31,7 @@ def test_the_same_as_the_environment():
         assert info["timestep_reward"] == pytest.approx(float(shown.timestep_reward), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_whole_loop_in_one_compiled_call():
     worlds = 5
 

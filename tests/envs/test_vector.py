@@ -14,6 +14,8 @@ COUNT, STEPS, SEED = 6, 90, 11
 SETTINGS = {"duration": 8.0}
 """The same in most tests, so that they share compiled programs."""
 IDS = ("lanewise/Trap-v0", "lanewise/TrapGoal-v0", "lanewise/TrapContinuous-v0")
+QUICK = (IDS[0], AutoresetMode.NEXT_STEP)
+"""Compared by default; the others are in the slow tests."""
 
 
 def alike(ours, theirs, place=""):
@@ -42,7 +44,7 @@ def alike(ours, theirs, place=""):
             name,
             mode,
             id=f"{name.partition('/')[2]}-{mode.value}",
-            marks=() if name == IDS[0] else pytest.mark.slow,
+            marks=() if (name, mode) == QUICK else pytest.mark.slow,
         )
         for name in IDS
         for mode in AutoresetMode

@@ -66,6 +66,7 @@ def test_observations_may_be_written_to():
         lanewise.evaluate(idle, episodes=1, duration=1.0, world=world)
 
 
+@pytest.mark.slow
 def test_another_name_is_not_compiled_anew():
     lanewise.evaluate(lambda seen: 4, episodes=1, duration=2.5)
     before = outside._advance._cache_size()

@@ -68,6 +68,7 @@ def test_a_start_of_a_grid_is_the_test_start_with_those_settings():
         assert found[number].reward == pytest.approx(many.accumulated_reward[-EPISODES:].mean())
 
 
+@pytest.mark.slow
 def test_a_grid_compiles_once_and_can_be_taken_up_anywhere():
     grid = Grid((8.0, 12.0), (8.0, 11.0), (3, 4), (15.0,), (5.0,))
     course = sweep.course(Course(SCENARIO, DrivingSettings(), Faster(), 20), grid)

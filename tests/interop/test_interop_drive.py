@@ -40,7 +40,11 @@ class BrakeAndPass(SingleLevel):
 
 
 @pytest.mark.parametrize(
-    ("controller", "expected"), [(SingleLevel(), None), (BrakeAndPass(), "success")]
+    ("controller", "expected"),
+    [
+        pytest.param(SingleLevel(), None, marks=pytest.mark.slow),
+        (BrakeAndPass(), "success"),
+    ],
 )
 def test_outcomes_are_identical(controller, expected, monkeypatch):
     monkeypatch.setattr(drive, "BLOCK", 2)

@@ -5,12 +5,14 @@ from collections import Counter
 
 import jax
 import jax.numpy as jnp
+import pytest
 from test_stage import COURSE
 
 from lanewise.evaluation import drive
 from lanewise.training import host, stage
 from lanewise.training.host import StagePlan
 
+pytestmark = pytest.mark.slow
 IN_PLACE = {"parameter", "get-tuple-element", "bitcast", "scatter", "dynamic-update-slice"}
 """Instructions that make no second array; a fusion may be one of the last two."""
 TO_HOST = ("infeed", "outfeed", "send", "recv", "callback")
