@@ -23,6 +23,8 @@ PARAMETERS = {
 }
 EPISODES = 130
 """More than a block."""
+SHORT = 3.0
+"""Seconds of an episode where any would do; the same in all such tests, as it is compiled in."""
 
 
 @cache
@@ -63,14 +65,14 @@ def test_observations_may_be_written_to():
         return np.full(len(seen), 4)
 
     for world in ("lanewise", "highway-env"):
-        lanewise.evaluate(idle, episodes=1, duration=1.0, world=world)
+        lanewise.evaluate(idle, episodes=1, duration=SHORT, world=world)
 
 
 @pytest.mark.slow
 def test_another_name_is_not_compiled_anew():
-    lanewise.evaluate(lambda seen: 4, episodes=1, duration=2.5)
+    lanewise.evaluate(lambda seen: 4, episodes=1, duration=SHORT)
     before = outside._advance._cache_size()
-    found = lanewise.evaluate(lambda seen: 5, episodes=1, duration=2.5, name="another")
+    found = lanewise.evaluate(lambda seen: 5, episodes=1, duration=SHORT, name="another")
     assert outside._advance._cache_size() == before
     assert found.summary.controller == found.record().controller == "another"
 
@@ -94,7 +96,7 @@ def test_the_same_as_our_own(ours, kind, capsys):
 
 def test_a_recurrent_agent_keeps_its_state_within_a_block_and_no_longer():
     agent = Agent()
-    lanewise.evaluate(agent, episodes=EPISODES, duration=3.0)
+    lanewise.evaluate(agent, episodes=EPISODES, duration=SHORT)
     states = [state for state, _, _ in agent.asked]
     assert states == [None, 0, 1, 2, 3, 4] * 2
     assert [start for _, start, _ in agent.asked] == [state is None for state in states]
@@ -167,7 +169,7 @@ def test_episodes_to_look_at(tmp_path):
     assert recording.accumulated_reward[-1] == pytest.approx(
         found.episodes.accumulated_reward[105], abs=1e-4
     )
-    short = lanewise.evaluate(lambda seen: 4, episodes=1, duration=1.0)
+    short = lanewise.evaluate(lambda seen: 4, episodes=1, duration=SHORT)
     short.clip(tmp_path / "mine.gif")
     assert (tmp_path / "mine.gif").stat().st_size > 1000
 

@@ -6,6 +6,7 @@ from parity_states import paper_traffic
 from lanewise.interop.highway_env import build_env, read_world
 
 
+@pytest.mark.slow
 def test_free_runs_of_paper_traffic():
     rng = np.random.default_rng(1)
     worlds = [paper_traffic(rng) for _ in range(10)]
