@@ -160,8 +160,8 @@ WORKERS = {
     "highway_env_world": WORK,
     "same_endings": {"vehicles": 5, "lanes": 3, "count": 2, "seed": 0},
     "lanewise_update": {"inputs": 26, "outputs": 9, "seconds": 0.05},
-    "lanewise_training": {"worlds": 32, "seconds": 0.05, "seed": 0},
-    "lanewise_seeds": {"seeds": 2, "worlds": 32, "seconds": 0.05},
+    "lanewise_training": {"worlds": 2, "seconds": 0.05, "seed": 0},
+    "lanewise_seeds": {"seeds": 2, "worlds": 2, "seconds": 0.05},
 }
 
 

@@ -6,6 +6,7 @@ import os
 from types import SimpleNamespace
 
 import pytest
+import small_runs
 from PIL import Image
 
 from lanewise.cli import main
@@ -18,36 +19,24 @@ from lanewise.runs import lender, lock
 from lanewise.settings import Settings
 from lanewise.training import recipe
 
-STAGE = {
-    "worlds": "2",
-    "decisions": "100",
-    "duration": "12",
-    "learner.hidden": "16 16",
-    "learner.batch-size": "8",
-    "learner.warm-up": "40",
-    "learner.replay-capacity": "300",
-}
-OPTIONS = {
-    "scenario.traffic.vehicles-ahead": "1",
-    "planner.preview": "2",
-    "evaluation.duration": "3",
-    "evaluation.validation-episodes": "4",
-} | {
-    f"{stage}.{name}": value
-    for stage in ("high-level", "low-level")
-    for name, value in STAGE.items()
-}
+FLAGS = small_runs.flags(chunks=1) | {"evaluation.duration": 3}
 KEYS = {
     "controller", "world", "episodes", "success_rate", "accident_rate", "accidents",
     "accumulated_reward", "average_speed", "travel_distance", "intervals",
 }  # fmt: skip
 
 
+def option(name, value):
+    """A setting as words of a command line."""
+    values = value if isinstance(value, tuple) else (value,)
+    return (f"--{name.replace('_', '-')}", *map(str, values))
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """A trained run."""
     path = tmp_path_factory.mktemp("commands") / "run"
-    words = [word for name, value in OPTIONS.items() for word in (f"--{name}", *value.split())]
+    words = [word for name, value in FLAGS.items() for word in option(name, value)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(drive, "BLOCK", 4)
         assert main(["train", "hierarchical", "--out", str(path), "--seed", "2", *words]) == 0

@@ -21,6 +21,7 @@ from lanewise.runs import trained
 from lanewise.runs.folder import RunFolder
 from lanewise.training import recipe
 
+# With the stages of cli/test_reproduce.py, whose compiled programs are then at hand.
 TINY = {
     "evaluation.duration": 2,
     "evaluation.validation_episodes": 2,
@@ -31,7 +32,7 @@ TINY = {
         for name, value in (
             ("decisions", 100),
             ("worlds", 2),
-            ("learner.hidden", (8,)),
+            ("learner.hidden", (8, 8)),
             ("learner.warm_up", 50),
         )
     },
