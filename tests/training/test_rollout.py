@@ -85,21 +85,22 @@ def parameters_of(course, hidden=(8,)):
     return network.init(jax.random.key(1), level.feature_count, hidden, level.choice_count)
 
 
-@partial(jax.jit, static_argnums=(0, 2, 3))
+BEGIN = jax.jit(rollout.begin, static_argnums=0)
+STEP = jax.jit(rollout.step, static_argnums=0)
+
+
 def drive(course, parameters, decisions, epsilon):
     """(the first world, then per decision: the world, what each level emits, finished)."""
-    first = rollout.begin(course, parameters, jax.random.key(5))
+    first = state = BEGIN(course, parameters, jax.random.key(5))
     everywhere = {name: jnp.float32(epsilon) for name, _ in course.learning}
-
-    def step(state, key):
+    rows = []
+    for key in jax.random.split(jax.random.key(6), decisions):
         key, start_key = jax.random.split(key)
-        after, emitted, finished = rollout.step(course, parameters, state, everywhere, key)
-        fresh = rollout.begin(course, parameters, start_key)
-        after = jax.tree.map(partial(jnp.where, finished.done), fresh, after)
-        return after, (after, emitted, finished)
-
-    keys = jax.random.split(jax.random.key(6), decisions)
-    return first, jax.lax.scan(step, first, keys)[1]
+        state, emitted, finished = STEP(course, parameters, state, everywhere, key)
+        if finished.done:
+            state = BEGIN(course, parameters, start_key)
+        rows.append((state, emitted, finished))
+    return first, jax.tree.map(lambda *leaves: np.stack(leaves), *jax.device_get(rows))
 
 
 EPISODE_STEP = jax.jit(partial(episode.step, DRIVING), static_argnums=2)
