@@ -78,6 +78,7 @@ def _where(info, done):
     return {name: values[done] for name, values in info.items()}
 
 
+@pytest.mark.slow
 def test_no_transition_crosses_an_episode():
     """Of a buffer filled as learners fill it: the next observation is the episode's own."""
     mode = AutoresetMode.SAME_STEP
@@ -131,24 +132,26 @@ def test_pictures():
 
 
 def test_mistakes():
-    env = gymnasium.make_vec("lanewise/Trap-v0", 3, autoreset_mode="Disabled", duration=0.5)
+    env = gymnasium.make_vec("lanewise/Trap-v0", COUNT, autoreset_mode="Disabled", **SETTINGS)
+    idle = [4] * COUNT
     with pytest.raises(ResetNeeded):
-        env.step([4, 4, 4])
+        env.step(idle)
     with pytest.raises(ResetNeeded, match="all environments"):
-        env.reset(seed=5, options={"reset_mask": np.array([True, False, False])})
-    env.reset(seed=[5, 6, 7])
-    for wrong in ([4, 4], [4, 4, 9], [0.5, 1.0, 2.0]):
-        with pytest.raises(ValueError, match="actions must be 3 of"):
+        env.reset(seed=5, options={"reset_mask": np.arange(COUNT) == 0})
+    env.reset(seed=list(range(5, 5 + COUNT)))
+    for wrong in (idle[1:], [*idle[1:], 9], np.linspace(0.5, 3.0, COUNT)):
+        with pytest.raises(ValueError, match=f"actions must be {COUNT} of"):
             env.step(wrong)
     with pytest.raises(SettingsError, match='unknown autoreset_mode "sometimes"; known: NextStep'):
         gymnasium.make_vec("lanewise/Trap-v0", 3, autoreset_mode="sometimes")
     with pytest.raises(SettingsError, match="actions: each kind has an id of its own"):
         gymnasium.make_vec("lanewise/Trap-v0", 3, actions="goal")
-    env.step([4, 4, 4])
+    while not env.step(idle)[3].all():
+        pass
     with pytest.raises(ResetNeeded, match="reset_mask"):
-        env.step([4, 4, 4])
+        env.step(idle)
     with pytest.raises(ValueError, match="at least one"):
-        env.reset(options={"reset_mask": np.zeros(3, bool)})
+        env.reset(options={"reset_mask": np.zeros(COUNT, bool)})
 
 
 def test_pictures_need_a_mode_and_an_episode():

@@ -23,8 +23,6 @@ PARAMETERS = {
 }
 EPISODES = 130
 """More than a block."""
-SHORT = 3.0
-"""Seconds of an episode where any would do; the same in all such tests, as it is compiled in."""
 
 
 @cache
@@ -36,12 +34,13 @@ def greedy(level):
 class Agent:
     """Predicts as Stable-Baselines3's agents do, and counts what it is asked."""
 
-    def __init__(self):
+    def __init__(self, choose):
+        self.choose = choose
         self.asked = []
 
     def predict(self, observation, state=None, episode_start=None, deterministic=False):
         self.asked.append((state, bool(episode_start.all()), deterministic))
-        return greedy("single_level")(observation), (0 if state is None else state + 1)
+        return self.choose(observation), (0 if state is None else state + 1)
 
 
 def alike(found, expected):
@@ -57,22 +56,23 @@ def ours():
     return drive.test(recipe.test_course(SETTINGS, "single-level"), PARAMETERS, 0, EPISODES)
 
 
+def idle(seen):
+    """Goes on as it is, and writes over what it is given."""
+    seen += 1.0
+    return np.full(len(seen), 4)
+
+
 def test_observations_may_be_written_to():
     """PyTorch warns of arrays that may not."""
-
-    def idle(seen):
-        seen += 1.0
-        return np.full(len(seen), 4)
-
     for world in ("lanewise", "highway-env"):
-        lanewise.evaluate(idle, episodes=1, duration=SHORT, world=world)
+        lanewise.evaluate(idle, episodes=1, world=world)
 
 
 @pytest.mark.slow
 def test_another_name_is_not_compiled_anew():
-    lanewise.evaluate(lambda seen: 4, episodes=1, duration=SHORT)
+    lanewise.evaluate(lambda seen: 4, episodes=1)
     before = outside._advance._cache_size()
-    found = lanewise.evaluate(lambda seen: 5, episodes=1, duration=SHORT, name="another")
+    found = lanewise.evaluate(lambda seen: 5, episodes=1, name="another")
     assert outside._advance._cache_size() == before
     assert found.summary.controller == found.record().controller == "another"
 
@@ -84,7 +84,11 @@ def one_by_one(seen):
 
 @pytest.mark.parametrize("kind", ["batched", "one by one", "agent"])
 def test_the_same_as_our_own(ours, kind, capsys):
-    policy = {"batched": greedy("single_level"), "one by one": one_by_one, "agent": Agent()}[kind]
+    policy = {
+        "batched": greedy("single_level"),
+        "one by one": one_by_one,
+        "agent": Agent(greedy("single_level")),
+    }[kind]
     found = lanewise.evaluate(policy, episodes=EPISODES, name="mine", quiet=kind == "agent")
     assert ("mine: 100%" in capsys.readouterr().err) == (kind != "agent")
     alike(found.episodes, ours)
@@ -95,10 +99,10 @@ def test_the_same_as_our_own(ours, kind, capsys):
 
 
 def test_a_recurrent_agent_keeps_its_state_within_a_block_and_no_longer():
-    agent = Agent()
-    lanewise.evaluate(agent, episodes=EPISODES, duration=SHORT)
+    agent = Agent(idle)
+    lanewise.evaluate(agent, episodes=EPISODES)
     states = [state for state, _, _ in agent.asked]
-    assert states == [None, 0, 1, 2, 3, 4] * 2
+    assert states == [None, *range(49)] * 2
     assert [start for _, start, _ in agent.asked] == [state is None for state in states]
     assert all(deterministic for *_, deterministic in agent.asked)
 
@@ -125,24 +129,22 @@ def test_continuous_actions():
 
 
 def test_in_highway_env():
-    here = lanewise.evaluate(greedy("single_level"), episodes=3, duration=8.0)
-    there = lanewise.evaluate(
-        greedy("single_level"), episodes=3, duration=8.0, world="highway-env", name="mine"
-    )
+    here = lanewise.evaluate(greedy("single_level"), episodes=3)
+    there = lanewise.evaluate(greedy("single_level"), episodes=3, world="highway-env", name="mine")
     assert np.array_equal(here.episodes.success, there.episodes.success)
     assert np.allclose(here.episodes.average_speed, there.episodes.average_speed, atol=1e-2)
     assert "highway-env" in there.table(here)
 
 
 def test_a_controller_of_ours(capsys):
-    found = lanewise.evaluate("reference/rule-based", episodes=10)
+    found = lanewise.evaluate("pretrained/single-level", episodes=10)
     assert "100%" in capsys.readouterr().err
-    lanewise.evaluate("reference/rule-based", episodes=10, quiet=True)
+    lanewise.evaluate("pretrained/single-level", episodes=10, quiet=True)
     assert capsys.readouterr().err == ""
     assert len(found.episodes) == 10
-    assert found.summary.controller == "rule-based"
+    assert found.summary.controller == "single-level"
     with pytest.raises(LanewiseError, match="its own settings"):
-        lanewise.evaluate("reference/rule-based", trap_speed=9.0)
+        lanewise.evaluate("pretrained/single-level", trap_speed=9.0)
 
 
 def test_the_user_s_own_success(tmp_path):
@@ -169,8 +171,7 @@ def test_episodes_to_look_at(tmp_path):
     assert recording.accumulated_reward[-1] == pytest.approx(
         found.episodes.accumulated_reward[105], abs=1e-4
     )
-    short = lanewise.evaluate(lambda seen: 4, episodes=1, duration=SHORT)
-    short.clip(tmp_path / "mine.gif")
+    found.clip(tmp_path / "mine.gif")
     assert (tmp_path / "mine.gif").stat().st_size > 1000
 
 

@@ -104,6 +104,7 @@ def numbers(**changes):
 
 
 BUSY = replace(SETTINGS, lanes=5, traffic=TrafficSettings(vehicles_behind=3))
+PLACE = jax.jit(trap.place, static_argnums=(0, 3))
 
 
 @partial(jax.jit, static_argnums=(0, 3))
@@ -138,6 +139,7 @@ def test_absent_lanes_change_nothing_to_the_last_bit(seed):
     assert lane.max() == 2
 
 
+@pytest.mark.slow
 def test_absent_traffic_is_not_there():
     """Fewer vehicles than the arrays hold: absent ones neither move, nor are seen, nor matter."""
     key = trap.start_key(0, "test", 0)
@@ -150,7 +152,7 @@ def test_absent_traffic_is_not_there():
     np.testing.assert_array_equal(along[1], theirs[1])
     np.testing.assert_array_equal(along[0].x[:, :3], theirs[0].x)
     np.testing.assert_array_equal(empty.road.start, alone.road.start)
-    some = trap.place(BUSY, numbers(vehicles_ahead=2, vehicles_behind=1), key, 3)
+    some = PLACE(BUSY, numbers(vehicles_ahead=2, vehicles_behind=1), key, 3)
     assert some.vehicles.present.tolist() == [True] * 5 + [False] * 7 + [True, False, False]
 
 
@@ -164,8 +166,7 @@ def test_sample_places_what_it_draws():
 
 
 def test_given_numbers_are_where_they_belong():
-    start = jax.tree.map(jnp.asarray, numbers(lanes=4))
-    world = jax.jit(partial(trap.place, BUSY, lanes=5))(start, trap.start_key(1, "test", 0))
+    world = PLACE(BUSY, numbers(lanes=4), trap.start_key(1, "test", 0), 5)
     x = np.asarray(world.vehicles.x)
     np.testing.assert_allclose(x[:3], [0.0, 15.0, 5.0])
     assert world.vehicles.speed[:3].tolist() == [11.0, 9.0, 9.0]

@@ -37,7 +37,9 @@ def same(a, b):
     )
 
 
-@pytest.mark.parametrize("split", trap.SPLITS)
+@pytest.mark.parametrize(
+    "split", ["training", "test", pytest.param("validation", marks=pytest.mark.slow)]
+)
 def test_a_start_is_the_same_alone_and_in_any_batch(split):
     many = starts(split, 102)
     course = Course(SETTINGS, DrivingSettings(), None, 50, split)
