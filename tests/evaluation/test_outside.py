@@ -136,15 +136,22 @@ def test_in_highway_env():
     assert "highway-env" in there.table(here)
 
 
-def test_a_controller_of_ours(capsys):
-    found = lanewise.evaluate("pretrained/single-level", episodes=10)
+@pytest.mark.parametrize(
+    "place",
+    [
+        "pretrained/single-level",
+        pytest.param("reference/rule-based", marks=pytest.mark.slow),
+    ],
+)
+def test_a_controller_of_ours(place, capsys):
+    found = lanewise.evaluate(place, episodes=10)
     assert "100%" in capsys.readouterr().err
-    lanewise.evaluate("pretrained/single-level", episodes=10, quiet=True)
+    lanewise.evaluate(place, episodes=10, quiet=True)
     assert capsys.readouterr().err == ""
     assert len(found.episodes) == 10
-    assert found.summary.controller == "single-level"
+    assert found.summary.controller == place.partition("/")[2]
     with pytest.raises(LanewiseError, match="its own settings"):
-        lanewise.evaluate("pretrained/single-level", trap_speed=9.0)
+        lanewise.evaluate(place, trap_speed=9.0)
 
 
 def test_the_user_s_own_success(tmp_path):

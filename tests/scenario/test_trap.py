@@ -38,7 +38,11 @@ def same(a, b):
 
 
 @pytest.mark.parametrize(
-    "split", ["training", "test", pytest.param("validation", marks=pytest.mark.slow)]
+    "split",
+    [
+        pytest.param(split, marks=pytest.mark.slow if split == "validation" else ())
+        for split in trap.SPLITS
+    ],
 )
 def test_a_start_is_the_same_alone_and_in_any_batch(split):
     many = starts(split, 102)
