@@ -19,7 +19,10 @@ from lanewise.runs import lender, lock
 from lanewise.settings import Settings
 from lanewise.training import recipe
 
-FLAGS = small_runs.flags(chunks=1) | {"evaluation.duration": 3}
+FLAGS = small_runs.flags(chunks=1) | {
+    "evaluation.duration": 3,
+    "scenario.traffic.vehicles_ahead": 1,
+}
 KEYS = {
     "controller", "world", "episodes", "success_rate", "accident_rate", "accidents",
     "accumulated_reward", "average_speed", "travel_distance", "intervals",
