@@ -159,7 +159,7 @@ def test_who_changes_lanes_does_not_think_of_another_change(make_world):
     world = make_world([0, 50, 100], [0, 0, 0], timer=[2, 2, 2])
     targets = jnp.array([0, 1, 0], jnp.int32)
     world = replace(world, vehicles=replace(world.vehicles, target_lane=targets))
-    assert mobil.due(world, look(world)).tolist() == [False, False, True]
+    assert mobil.due(world, look(world), 0.1).tolist() == [False, False, True]
 
 
 def test_a_pair_is_checked_when_either_checks(make_world):

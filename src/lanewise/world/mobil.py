@@ -6,7 +6,9 @@ in the form of ``highway_env.vehicle.behavior.IDMVehicle.change_lane_policy``.
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
+from jax.typing import ArrayLike, DTypeLike
 
 from lanewise.world import few, idm, neighbours, sets
 from lanewise.world import road as roads
@@ -24,11 +26,37 @@ DUE = 10
 """One driver in so many thinks about a lane change in a tick: every second, at 10 Hz."""
 CONTESTED = 50
 """One driver in so many is changing to a lane that others are bound for; see docs/speed.md."""
-TIMER_TOLERANCE = {"float32": 1e-5}
-"""Slack of the timer's comparison by dtype, s; see `timer-in-float32` in docs/numerics.md."""
+TIMER_SLACK = 1e-5
+"""More than float32 sums of ticks up to 1 s are off, s; see `timer-in-float32`."""
+FASTEST_RATE = 100
+"""Highest number of ticks a second at which the timer in float32 is known to be right."""
 
 
-def due(world: World, motion: Motion) -> Array:
+EARLY = tuple(
+    rate for rate in range(1, FASTEST_RATE + 1) if np.add.accumulate([1 / rate] * rate)[-1] > 1
+)
+"""Ticks a second of which float64 sums pass 1 s by rounding, a tick early."""
+
+
+def timer_slack(dtype: DTypeLike, duration: ArrayLike) -> Array | float:
+    """What is added to a delay so that sums in float32 pass it when those in float64 do, s.
+
+    Args:
+        dtype: of the timers.
+        duration: of a tick, s.
+
+    Returns:
+        A number; 0 in float64.
+    """
+    if dtype != jnp.float32:
+        return 0.0
+    with jax.ensure_compile_time_eval():  # A tick costs nothing more where its length is known.
+        rate = jnp.rint(1 / jnp.asarray(duration, dtype))
+        early = jnp.any(rate == jnp.array(EARLY, dtype))
+        return jnp.where(early, -TIMER_SLACK, TIMER_SLACK).astype(dtype)
+
+
+def due(world: World, motion: Motion, duration: ArrayLike) -> Array:
     """Which drivers think about a lane change in this tick.
 
     Those not changing already whose timer is strictly above their delay (`strict-timer`).
@@ -36,17 +64,18 @@ def due(world: World, motion: Motion) -> Array:
     Args:
         world: one world.
         motion: its motion.
+        duration: of the tick, s.
 
     Returns:
         bool [N].
     """
     vehicles, drivers = world.vehicles, world.drivers
-    tolerance = TIMER_TOLERANCE.get(vehicles.timer.dtype.name, 0.0)
+    slack = timer_slack(vehicles.timer.dtype, duration)
     return (
         motion.decides
         & drivers.changes_lanes
         & (vehicles.target_lane == motion.lane)
-        & (vehicles.timer > drivers.change_delay + tolerance)
+        & (vehicles.timer > drivers.change_delay + slack)
     )
 
 
@@ -96,18 +125,19 @@ def recommends(world: World, motion: Motion, own: Pair, new: Pair) -> Array:
     return safe & (my_gain + drivers.politeness * others_gain >= drivers.minimum_gain)
 
 
-def choose(world: World, motion: Motion) -> Array:
+def choose(world: World, motion: Motion, thinks: Array) -> Array:
     """Target lane of every driver that may start a change now; others keep theirs.
 
     Args:
         world: one world.
         motion: its motion.
+        thinks: bool [N], who is `due`.
 
     Returns:
         int32 [N].
     """
     vehicles = world.vehicles
-    moving = due(world, motion) & (jnp.abs(vehicles.speed) >= SLOWEST_CHANGE)
+    moving = thinks & (jnp.abs(vehicles.speed) >= SLOWEST_CHANGE)
     reachable = once(
         vehicles.present, lambda: roads.reachable_lanes(world.road, vehicles.x, vehicles.y)
     )
@@ -225,17 +255,19 @@ def _rivals(world: World, motion: Motion, view: View, chosen: Array) -> sets.Wor
     return sets.where(x.shape[0], contests)
 
 
-def decide(world: World, motion: Motion) -> tuple[Array, Array]:
+def decide(world: World, motion: Motion, duration: ArrayLike) -> tuple[Array, Array]:
     """Every rule-based driver's target lane, and the timers of those that thought about it.
 
     Args:
         world: one world.
         motion: its motion.
+        duration: of the tick, s.
 
     Returns:
         Target lanes int32 [N] and timers [N], s.
     """
-    chosen = choose(world, motion)
+    thinks = due(world, motion, duration)
+    chosen = choose(world, motion, thinks)
     target = jnp.where(aborts(world, motion, chosen), motion.lane, chosen)
-    timer = jnp.where(due(world, motion), 0, world.vehicles.timer)
+    timer = jnp.where(thinks, 0, world.vehicles.timer)
     return target, timer

@@ -38,19 +38,20 @@ def tick(world: World, duration: ArrayLike) -> World:
 def step(world: World, facing: Facing, duration: ArrayLike) -> tuple[World, Facing]:
     """As `tick`, from where the vehicles are headed to where they are headed then."""
     seen = once(world.vehicles.present, lambda: motion.observe(world, facing))
-    world = act(world, seen)
+    world = act(world, seen, duration)
     world = bicycle.move(world, facing, duration)
     world = wait(world, duration)
     facing = motion.facing(world.vehicles)
     return collision.resolve(world, facing, duration), facing
 
 
-def act(world: World, seen: Motion) -> World:
+def act(world: World, seen: Motion, duration: ArrayLike) -> World:
     """Let every rule-based driver choose a lane, a steering and an acceleration.
 
     Args:
         world: one world.
         seen: its motion.
+        duration: of the tick, s.
 
     Returns:
         The world with commands, target lanes and timers set; nobody has moved yet.
@@ -58,7 +59,7 @@ def act(world: World, seen: Motion) -> World:
     vehicles = world.vehicles
 
     def decided() -> dict[str, Array]:
-        target_lane, timer = mobil.decide(world, seen)
+        target_lane, timer = mobil.decide(world, seen, duration)
         acceleration = idm.accelerate(world, seen, target_lane)
         slip_sine = steering.keep_lane(world, target_lane)
         return {
