@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from highway_env.vehicle.behavior import IDMVehicle
 from world_views import look, neighbours_on
 
 from lanewise.interop.highway_env import build_env, command_table, read_world
@@ -14,6 +15,19 @@ from lanewise.world.settings import PAPER_DRIVER, DriverSettings
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, World
 
 step = jax.jit(tick.tick)
+gains = jax.jit(lambda *args: (mobil.summed_gain(*args), mobil.gain(*args)))
+
+
+def gain_of(driver, lane_index):
+    """The gain of a change as `IDMVehicle.mobil` of highway-env computes it."""
+    ahead, behind = driver.road.neighbour_vehicles(driver, lane_index)
+    old_ahead, old_behind = driver.road.neighbour_vehicles(driver)
+    predict = driver.acceleration
+    others = (
+        predict(behind, driver) - predict(behind, ahead)
+        + predict(old_behind, old_ahead) - predict(old_behind, driver)
+    )  # fmt: skip
+    return predict(driver, ahead) - predict(driver, old_ahead) + driver.POLITENESS * others
 
 
 def both(world, ticks=1, frequency=10):
@@ -128,16 +142,45 @@ class TestQuirks:
         world = make_world([0.0, 30.0, 52.0], [0, 0, 0], [12.5, 12.5, 8.0], timer=[0.5, 1.5, 0.5],
                            kinds=[EXTERNAL, RULE_BASED, CONSTANT])  # fmt: skip
         env = build_env(world)
-        driver, ego, slow = env.road.vehicles[1], env.road.vehicles[0], env.road.vehicles[2]
-        theirs = driver.acceleration(ego, slow) - driver.acceleration(ego, driver)
-        assert abs(driver.acceleration(ego, slow)) > 1e11
-        seen = look(world)
-        own = neighbours_on(world, seen, seen.lane)
-        ours = mobil._relief(world, seen, own.rear, own.front)[1]
-        np.testing.assert_allclose(ours, theirs, atol=2e-4)
+        driver, ego = env.road.vehicles[1], env.road.vehicles[0]
+        assert abs(driver.acceleration(ego, driver)) > 1e11
         single = jax.tree.map(lambda a: a.astype("float32") if a.dtype == "float64" else a, world)
         for each in (world, single):
             assert int(step(each, 0.1).vehicles.target_lane[1]) == 1
+
+    def test_rounding_of_the_cancelled_free_road_term(self, make_world):
+        """With an exponent of 6 the ego's 3e17 m/s^2 swallow what it would gain: no change."""
+        world = make_world([100, 110.13, 202.94], [1, 1, 2], [9.49, 10.87, 9.65],
+                           timer=[0.5, 1.5, 0.5], kinds=[EXTERNAL, RULE_BASED, CONSTANT],
+                           settings=DriverSettings(exponent=6.0))  # fmt: skip
+        ours, theirs = both(world)
+        assert int(ours.target_lane[1]) == int(theirs.target_lane[1]) == 1
+        single = jax.tree.map(lambda a: a.astype("float32") if a.dtype == "float64" else a, world)
+        assert int(step(single, 0.1).vehicles.target_lane[1]) == 2
+
+    @pytest.mark.parametrize("exponent", [2.0, 4.0, 6.0, 20.0])
+    def test_gains_have_the_rounding_of_highway_env(self, make_world, exponent):
+        """In float64 every gain is highway-env's; the exact one is within the stated bound."""
+        rng, worst = np.random.default_rng(1), 0.0
+        driver = DriverSettings(exponent=exponent, comfort_acceleration=0.7)
+        for _ in range(4):
+            world = make_world(
+                rng.uniform(0, 150, 12), rng.integers(0, 3, 12), rng.uniform(2, 20, 12),
+                kinds=[EXTERNAL, *rng.integers(1, 3, 11)], settings=driver,
+            )  # fmt: skip
+            seen, drivers = look(world), build_env(world).road.vehicles
+            own = neighbours_on(world, seen, seen.lane)
+            for side in (-1, 1):
+                lanes = seen.lane + side
+                summed, exact = gains(world, seen, own, neighbours_on(world, seen, lanes))
+                for i, lane in enumerate(lanes.tolist()):
+                    if isinstance(drivers[i], IDMVehicle) and 0 <= lane < 3:
+                        theirs = gain_of(drivers[i], ("0", "1", lane))
+                        np.testing.assert_allclose(summed[i], theirs, 1e-9, 1e-9)
+                        worst = max(worst, abs(float(exact[i]) - theirs))
+        step = 0.7 * (20 / 0.01) ** exponent * 2.0**-52
+        assert worst <= 2.5 * 0.5 * step + 1e-9
+        assert (worst > 1e-5) == (exponent >= 4)
 
     def test_unfloored_desired_gap(self, make_world):
         ours, theirs = both(make_world([-50, 0, 20], [0, 0, 0], [10, 10, 39], kinds=[0, 2, 1]))

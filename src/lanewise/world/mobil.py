@@ -85,22 +85,86 @@ def _followed(world: World, rear: Rear, x: Array, velocity: tuple[Array, Array])
     return idm.interaction(world.drivers, rear.speed, rear.speed - leader_speed, x - rear.x)
 
 
-def _relief(world: World, motion: Motion, rear: Rear, front: Front) -> Array:
-    """How much less a rear vehicle brakes behind ``front`` than behind the decider, m/s^2.
+def _behind_me(world: World, motion: Motion, rear: Rear) -> Array:
+    """Deceleration of a rear vehicle behind the decider, m/s^2."""
+    return _followed(world, rear, world.vehicles.x, (motion.velocity_x, motion.velocity_y))
 
-    The free-road term is the same in both and is left out (`cancelled-free-road-term`).
-    """
-    behind_me = _followed(world, rear, world.vehicles.x, (motion.velocity_x, motion.velocity_y))
+
+def _behind(world: World, rear: Rear, front: Front) -> Array:
+    """Deceleration of a rear vehicle behind ``front``, 0 without one, m/s^2."""
     behind_front = _followed(world, rear, front.x, (front.velocity_x, front.velocity_y))
-    relief = behind_me - jnp.where(front.exists, behind_front, 0)
+    return jnp.where(front.exists, behind_front, 0)
+
+
+def _relief(world: World, motion: Motion, rear: Rear, front: Front) -> Array:
+    """How much less a rear vehicle brakes behind ``front`` than behind the decider, m/s^2."""
+    relief = _behind_me(world, motion, rear) - _behind(world, rear, front)
     return jnp.where(rear.exists, relief, 0)
+
+
+def gain(world: World, motion: Motion, own: Pair, new: Pair) -> Array:
+    """What a lane change gains, a_me' - a_me + p (a_new' - a_new + a_old' - a_old), m/s^2.
+
+    Primes are after the change. The free-road terms cancel and are left out.
+
+    Args:
+        world: one world.
+        motion: its motion.
+        own: neighbours on the own lane.
+        new: neighbours on the candidate lane.
+
+    Returns:
+        [N].
+    """
+    my_gain = idm.following(world, motion, own.front) - idm.following(world, motion, new.front)
+    others_gain = _relief(world, motion, own.rear, own.front) - _relief(
+        world, motion, new.rear, new.front
+    )
+    return my_gain + world.drivers.politeness * others_gain
+
+
+def summed_gain(world: World, motion: Motion, own: Pair, new: Pair) -> Array:
+    """`gain` as highway-env sums it up: free-road terms are rounded before they cancel.
+
+    A rear vehicle that seems to want to stop has so large a term that little of the gain may be
+    left (`cancelled-free-road-term`). Only in float64 can this be equal.
+
+    Args:
+        world: one world.
+        motion: its motion.
+        own: neighbours on the own lane.
+        new: neighbours on the candidate lane.
+
+    Returns:
+        [N].
+    """
+    drivers, present = world.drivers, world.vehicles.present
+
+    def predicted(effort: Array, *decelerations: Array) -> list[Array]:
+        # Computed apart: XLA adds products unrounded where it can.
+        free = once(present, lambda: idm.free_road(drivers, effort))
+        return [free - deceleration for deceleration in decelerations]
+
+    def of_rear(rear: Rear, front: Front) -> list[Array]:
+        behind_me, behind_front = _behind_me(world, motion, rear), _behind(world, rear, front)
+        both = predicted(rear.effort, behind_me, behind_front)
+        return [jnp.where(rear.exists, acceleration, 0) for acceleration in both]
+
+    mine_after, mine = predicted(
+        motion.effort,
+        idm.following(world, motion, new.front),
+        idm.following(world, motion, own.front),
+    )
+    new_after, new_before = of_rear(new.rear, new.front)
+    old_before, old_after = of_rear(own.rear, own.front)
+    others_gain = new_after - new_before + old_after - old_before
+    return mine_after - mine + drivers.politeness * others_gain
 
 
 def recommends(world: World, motion: Motion, own: Pair, new: Pair) -> Array:
     """Whether MOBIL recommends each vehicle a change from its lane to another.
 
-    The new rear vehicle must not brake harder than b_safe, and the gain must reach a_th:
-    a_me' - a_me + p (a_new' - a_new + a_old' - a_old) >= a_th, primes after the change. All
+    The new rear vehicle must not brake harder than b_safe, and the `gain` must reach a_th. All
     accelerations are predicted with the decider's own parameters, unclipped.
 
     Args:
@@ -113,16 +177,10 @@ def recommends(world: World, motion: Motion, own: Pair, new: Pair) -> Array:
         bool [N].
     """
     drivers = world.drivers
-    mine = (motion.velocity_x, motion.velocity_y)
-    imposed = idm.free_road(drivers, new.rear.effort) - _followed(
-        world, new.rear, world.vehicles.x, mine
-    )
+    imposed = idm.free_road(drivers, new.rear.effort) - _behind_me(world, motion, new.rear)
     safe = ~new.rear.exists | (imposed >= -drivers.imposed_braking)
-    my_gain = idm.following(world, motion, own.front) - idm.following(world, motion, new.front)
-    others_gain = _relief(world, motion, own.rear, own.front) - _relief(
-        world, motion, new.rear, new.front
-    )
-    return safe & (my_gain + drivers.politeness * others_gain >= drivers.minimum_gain)
+    gained = summed_gain if world.vehicles.x.dtype == jnp.float64 else gain
+    return safe & (gained(world, motion, own, new) >= drivers.minimum_gain)
 
 
 def choose(world: World, motion: Motion, thinks: Array) -> Array:
