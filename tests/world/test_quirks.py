@@ -314,6 +314,15 @@ class TestQuirks:
         assert float(ours.speed[0]) > 40
         assert float(ours.acceleration[0]) < 0
 
+    @pytest.mark.parametrize(("speed", "acceleration"), [(2.8, 3.1), (5.9, 3.1)])
+    def test_top_speed_edge(self, make_world, speed, acceleration):
+        """Whether sums of 0.31 m/s pass 40 m/s or end at it is rounding, the same in both."""
+        world = bicycle.command(make_world([0.0], [0], speed, kinds=[0]), acceleration, 0.0)
+        ticks = round((40 - speed) / acceleration * 10)
+        for more in (0, 1):
+            ours, theirs = both(world, ticks + more)
+            assert float(ours.speed[0]) == theirs.speed[0]
+
     def test_crashed_vehicles_neither_steer_nor_decide(self, make_world):
         world = make_world([0, 90], [0, 0], [20, 10], heading=[0.1, 0.1], timer=[1, 3])
         world = change(bicycle.command(world, 1.0, 0.3), crashed=[True, True], target_lane=[0, 1])

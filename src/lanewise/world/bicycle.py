@@ -7,6 +7,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from lanewise.world.motion import Facing
+from lanewise.world.once import rounded
 from lanewise.world.state import World
 from lanewise.world.steering import slip_sine
 
@@ -80,7 +81,7 @@ def move(world: World, facing: Facing, duration: ArrayLike) -> World:
     x = jnp.where(vehicles.impacted, x + vehicles.impact_x, x)
     y = jnp.where(vehicles.impacted, y + vehicles.impact_y, y)
     heading = vehicles.heading + vehicles.speed * slip / (world.drivers.length / 2) * duration
-    speed = vehicles.speed + acceleration * duration
+    speed = vehicles.speed + rounded(present, lambda: acceleration * duration)
 
     def moved(new: Array, old: Array) -> Array:
         return jnp.where(present, new, old)

@@ -16,7 +16,7 @@ from lanewise.world import view as views
 from lanewise.world.few import Chosen
 from lanewise.world.motion import Motion
 from lanewise.world.neighbours import Front, Pair, Rear
-from lanewise.world.once import once
+from lanewise.world.once import once, rounded
 from lanewise.world.state import RULE_BASED, World, numbered
 from lanewise.world.view import View
 
@@ -141,8 +141,7 @@ def summed_gain(world: World, motion: Motion, own: Pair, new: Pair) -> Array:
     drivers, present = world.drivers, world.vehicles.present
 
     def predicted(effort: Array, *decelerations: Array) -> list[Array]:
-        # Computed apart: XLA adds products unrounded where it can.
-        free = once(present, lambda: idm.free_road(drivers, effort))
+        free = rounded(present, lambda: idm.free_road(drivers, effort))
         return [free - deceleration for deceleration in decelerations]
 
     def of_rear(rear: Rear, front: Front) -> list[Array]:

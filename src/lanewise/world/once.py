@@ -39,6 +39,23 @@ def once(present: Array, compute: Callable[[], Tree]) -> Tree:
     return result
 
 
+def rounded(present: Array, compute: Callable[[], Array]) -> Array:
+    """What ``compute`` returns, in float64 rounded before anything is added to it, as in NumPy.
+
+    XLA adds a product without rounding it first, which is faster and all that float32 needs. To
+    decide as highway-env does at an edge takes its rounding (`top-speed-edge`).
+
+    Args:
+        present: bool, any shape, which vehicles exist; where none does, the result is zeros.
+        compute: without arguments, returns an array.
+
+    Returns:
+        Its result.
+    """
+    exact = jax.eval_shape(compute).dtype == jnp.float64
+    return once(present, compute) if exact else compute()
+
+
 def on_cpu() -> bool:
     """Whether programs are compiled for CPUs.
 
