@@ -40,6 +40,17 @@ def both(world, ticks=1, frequency=10):
     return world.vehicles, read_world(env).vehicles
 
 
+def nudged(world, offset, ticks, frequency=10):
+    """highway-env's vehicles after some ticks, all of them begun so far further to the right."""
+    env = build_env(world)
+    for vehicle in env.road.vehicles:
+        vehicle.position[1] += offset
+    for _ in range(ticks):
+        env.road.act()
+        env.road.step(1 / frequency)
+    return read_world(env).vehicles
+
+
 def change(world, **values):
     values = {name: jnp.asarray(value) for name, value in values.items()}
     return replace(world, vehicles=replace(world.vehicles, **values))
@@ -322,6 +333,31 @@ class TestQuirks:
         for more in (0, 1):
             ours, theirs = both(world, ticks + more)
             assert float(ours.speed[0]) == theirs.speed[0]
+
+    def test_standstill_and_reversing(self, make_world):
+        """A driver comes to a stop and backs away: 1e-13 m aside become more than a micrometre."""
+        world = make_world([150, 150, 127.8], [0, 1, 1], [0, 0, 3.3], y=[0.41, 3.8, 4.11],
+                           kinds=[0, 1, 2], lanes=2)  # fmt: skip
+        ours, theirs = both(world, 100)
+        assert_equal(ours, theirs, ("crashed", "target_lane"))
+        for name in ("x", "y"):
+            np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), 0, 0.25)
+        assert theirs.speed[2] < -0.4
+        others = [nudged(world, offset, 100).y[2] for offset in (1e-13, -1e-13)]
+        assert np.abs(np.array(others) - theirs.y[2]).max() > 1e-6
+
+    def test_wrecks_at_rest(self, make_world):
+        """Pushed until they just touch, wrecks are about to collide or not by rounding."""
+        world = make_world([-300, 0, 30], [1, 0, 0], [0, 20, 0], y=[4, 1.7, 0],
+                           kinds=[0, 1, 1], lanes=2)  # fmt: skip
+        flags = []
+        for ticks in range(13, 18):
+            ours, theirs = both(world, ticks)
+            assert ours.crashed.tolist() == [False, True, True]
+            for other in (ours, nudged(world, 1e-15, ticks)):
+                assert_equal(other, theirs, ("x", "y", "heading", "speed", "crashed"))
+                flags.append((other.impacted == theirs.impacted).all())
+        assert not all(flags)
 
     def test_crashed_vehicles_neither_steer_nor_decide(self, make_world):
         world = make_world([0, 90], [0, 0], [20, 10], heading=[0.1, 0.1], timer=[1, 3])
