@@ -288,6 +288,15 @@ class TestQuirks:
         assert_equal(ours, theirs)
         np.testing.assert_allclose(ours.acceleration[1], 0.5 * (1 - (29 / 30) ** 4))
 
+    def test_a_lane_without_limit_clips_no_target_speed(self, make_world):
+        settings = DriverSettings(target_speed=50.0)
+        world = make_world([-90, 0, 60], [0, 0, 0], [29, 39, 38], settings=settings)
+        unlimited = jnp.full_like(world.road.speed_limit, jnp.inf)
+        world = replace(world, road=replace(world.road, speed_limit=unlimited))
+        ours, theirs = both(world, 20)
+        assert_equal(ours, theirs)
+        assert theirs.speed[2] > 38
+
     def test_predicted_hit_moves_and_crashes_on_the_next_tick(self, make_world):
         world = make_world([0.0, 5.5], [0, 0], [25.0, 5.0], kinds=[0, 1], y=[0.0, 0.3])
         world = change(world, x=[-2.4, 5.5])

@@ -1,21 +1,229 @@
+import re
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
 import pytest
 from highway_env.envs import HighwayEnv, MergeEnv
-from highway_env.vehicle.behavior import AggressiveVehicle, IDMVehicle, LinearVehicle
+from highway_env.road.lane import StraightLane
+from highway_env.road.regulation import RegulatedRoad
+from highway_env.vehicle.behavior import (
+    AggressiveVehicle,
+    DefensiveVehicle,
+    IDMVehicle,
+    LinearVehicle,
+)
+from highway_env.vehicle.controller import ControlledVehicle, MDPVehicle
+from highway_env.vehicle.dynamics import BicycleVehicle
 from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Obstacle
 
+from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import SettingsError
-from lanewise.interop.highway_env import build_env, read_world
+from lanewise.interop import drive
+from lanewise.interop.highway_env import build_env, command_table, read_world
 from lanewise.world import build
 from lanewise.world.settings import PAPER_DRIVER
-from lanewise.world.state import CONSTANT, RULE_BASED
+from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED
+
+
+def live(**config):
+    env = HighwayEnv(config={"vehicles_count": 3, "action": {"type": "DiscreteAction"}} | config)
+    env.reset(seed=0)
+    return env
 
 
 @pytest.fixture
 def env():
-    live = HighwayEnv(config={"vehicles_count": 3, "action": {"type": "DiscreteAction"}})
-    live.reset(seed=0)
-    return live
+    return live()
+
+
+def several(count, kind="MultiAgentAction"):
+    """An environment with so many controlled vehicles."""
+    action = {"type": kind, "action_config": {"type": "DiscreteAction"}}
+    return live(action=action, controlled_vehicles=count, vehicles_count=2 * count)
+
+
+def with_class(base, **defined):
+    """Another vehicle on the road, of a class of its own."""
+
+    return lambda env: with_vehicle(type("Own", (base,), defined))(env)
+
+
+def with_vehicle(kind):
+    return lambda env: env.road.vehicles.append(kind(env.road, [300, 0], 0, 20))
+
+
+def with_attribute(name, value, which=1):
+    """The ego (0) or a driver (1) with another attribute, set on the object."""
+    return lambda env: setattr(env.road.vehicles[which], name, value)
+
+
+def with_lane(name, value):
+    return lambda env: setattr(env.road.network.get_lane(("0", "1", 1)), name, value)
+
+
+def with_config(**config):
+    return lambda env: env.config.update(config)
+
+
+def with_lanes(count):
+    def change(env):
+        for lane in range(4, count):
+            env.road.network.add_lane("0", "1", StraightLane([0, 4 * lane], [1e4, 4 * lane]))
+
+    return change
+
+
+def with_road(kind):
+    def change(env):
+        env.road.__class__ = kind
+
+    return change
+
+
+def with_own_step(env):
+    env.__class__ = type("OwnEnv", (HighwayEnv,), {"step": lambda env, action: None})
+
+
+def with_unlimited_lane_and_negative_speed(env):
+    with_lane("speed_limit", None)(env)
+    with_attribute("target_speed", -5.0)(env)
+
+
+def nothing(*args, **kwargs):
+    return None
+
+
+def own_property(name):
+    return {name: property(lambda self: 0, nothing)}
+
+
+REFUSED = {
+    # The environment and its actions.
+    "own step": (with_own_step, "OwnEnv with its own step"),
+    "patched _simulate": (lambda env: setattr(env, "_simulate", nothing), "_simulate"),
+    "no ticks": (with_config(policy_frequency=20), "0 ticks"),
+    "no rate": (with_config(policy_frequency=0), "0 ticks"),
+    "patched action": (lambda env: setattr(env.action_type, "act", nothing), "own act"),
+    "uncontrolled ego": (lambda env: env.controlled_vehicles.clear(), "drive 1 of 0"),
+    "ego off the list": (lambda env: env.road.vehicles.pop(0), "not on the road"),
+    "controlled driver": (
+        lambda env: setattr(env, "vehicle", env.road.vehicles[2]), "decides twice"
+    ),
+    "twice on the road": (lambda env: env.road.vehicles.append(env.vehicle), "twice on the road"),
+    # The road.
+    "regulated road": (with_road(RegulatedRoad), "RegulatedRoad with its own step"),
+    "patched road": (lambda env: setattr(env.road, "neighbour_vehicles", nothing), "neighbour_veh"),
+    "patched network": (lambda env: setattr(env.road.network, "side_lanes", nothing), "side_lanes"),
+    "obstacles": (lambda env: env.road.objects.append(Obstacle(env.road, [50, 0])), "obstacles"),
+    "connected lanes": (
+        lambda env: setattr(env.road, "neighbour_vehicles_connected_lanes", True), "connected_lanes"
+    ),
+    "32 lanes": (with_lanes(32), "32 lanes"),
+    "patched lane": (with_lane("is_reachable_from", nothing), "is_reachable_from"),
+    "stretched lane": (with_lane("end", np.array([5e3, 4.0])), "straight along x"),
+    "lane of no width": (with_lane("width", 0.0), "width"),
+    "speed limit of nan": (with_lane("speed_limit", float("nan")), "speed_limit"),
+    "negative speed without limit": (with_unlimited_lane_and_negative_speed, "without speed_limit"),
+    # Classes of vehicles.
+    **{
+        kind.__name__: (with_vehicle(kind), f"a {kind.__name__} {message}")
+        for kind, message in {
+            LinearVehicle: "with its own act, steering_control, acceleration cannot",
+            AggressiveVehicle: "with its own act, steering_control, acceleration cannot",
+            DefensiveVehicle: "with its own act, steering_control, acceleration cannot",
+            ControlledVehicle: "cannot be read; use Vehicle or IDMVehicle",
+            MDPVehicle: "cannot be read; use Vehicle or IDMVehicle",
+            BicycleVehicle: "with its own step, clip_actions",
+        }.items()
+    },
+    **{
+        f"class with {name}": (with_class(base, **{name: value}), f"its own {name}")
+        for base, name, value in (
+            (Vehicle, "MAX_SPEED", 20.0),
+            (IDMVehicle, "MIN_SPEED", 0.0),
+            (IDMVehicle, "KP_LATERAL", 1.0),
+            (IDMVehicle, "KP_HEADING", 1.0),
+            (Vehicle, "clip_actions", nothing),
+            (IDMVehicle, "on_state_update", nothing),
+            (IDMVehicle, "velocity", property(lambda self: np.zeros(2))),
+            (IDMVehicle, "lane_distance_to", nothing),
+            (Vehicle, "handle_collisions", nothing),
+            (IDMVehicle, "desired_gap", nothing),
+            (Vehicle, "polygon", nothing),
+            (IDMVehicle, "__bool__", lambda self: False),
+            (IDMVehicle, "__getattr__", nothing),
+        )
+    },
+    "class with timer": (with_class(IDMVehicle, **own_property("timer")), "its own timer"),
+    # Vehicles.
+    "own top speed": (with_attribute("MAX_SPEED", 20.0, 0), "its own MAX_SPEED"),
+    "patched vehicle": (with_attribute("mobil", nothing), "its own mobil"),
+    "stale diagonal": (with_attribute("LENGTH", 12.0), "diagonal"),
+    "not collidable": (with_attribute("collidable", False), "collidable"),
+    "not solid": (with_attribute("solid", False, 0), "solid"),
+    "steering beyond pi/2": (with_attribute("MAX_STEERING_ANGLE", 1.6), "MAX_STEERING_ANGLE"),
+    "exponent of 0": (with_attribute("DELTA", 0.0), "DELTA"),
+    "comfort of 0": (with_attribute("COMFORT_ACC_MAX", 0.0), "COMFORT_ACC_MAX"),
+    "comfort of 0 braking": (with_attribute("COMFORT_ACC_MIN", 0.0), "COMFORT_ACC_MIN"),
+    "parameter of nan": (with_attribute("TIME_WANTED", float("nan")), "TIME_WANTED"),
+    "speed of inf": (with_attribute("speed", float("inf"), 0), "speed"),
+    "place by hand": (
+        lambda env: env.road.vehicles[1].position.__setitem__(1, 12.0), "lane_index"
+    ),
+    "another road": (with_attribute("road", live().road), "another road"),
+    "route": (with_attribute("route", [("0", "1", 0)]), "route"),
+    "target off the road": (with_attribute("target_lane_index", ("0", "1", 4)), "target_lane"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "message"), REFUSED.values(), ids=REFUSED.keys())
+def test_what_is_not_represented_is_refused_by_name(env, change, message):
+    read_world(env)
+    change(env)
+    with pytest.raises(SettingsError, match=message):
+        read_world(env)
+
+
+def test_classes_of_highway_env_changed_in_place(env, monkeypatch):
+    monkeypatch.setattr(Vehicle, "MAX_SPEED", 20.0)
+    with pytest.raises(SettingsError, match="its own MAX_SPEED"):
+        read_world(env)
+
+
+def test_a_speed_range_of_the_actions():
+    with pytest.raises(SettingsError, match="speed_range"):
+        read_world(live(action={"type": "ContinuousAction", "speed_range": (0, 20)}))
+
+
+def test_the_default_actions_are_refused_with_those_that_work():
+    works = re.escape('config={"action": {"type": "DiscreteAction"}}, or "ContinuousAction"')
+    with pytest.raises(SettingsError, match=f"DiscreteMetaAction.*{works}"):
+        read_world(HighwayEnv(config={"vehicles_count": 1}))
+
+
+def test_dynamics_of_the_action():
+    with pytest.raises(SettingsError, match="BicycleVehicle"):
+        read_world(live(action={"type": "ContinuousAction", "dynamical": True}))
+
+
+def test_several_controlled_vehicles_of_which_one_is_driven():
+    with pytest.raises(SettingsError, match="drive 1 of 2"):
+        read_world(several(2, "DiscreteAction"))
+
+
+def test_controlled_vehicles_in_another_order():
+    env = several(2)
+    env.controlled_vehicles.reverse()
+    env.define_spaces()
+    with pytest.raises(SettingsError, match="another order"):
+        read_world(env)
+
+
+def test_environments_of_other_packages():
+    with pytest.raises(SettingsError, match="CartPole"):
+        read_world(gym.make("CartPole-v1"))
 
 
 def test_a_road_that_is_no_straight_road():
@@ -23,38 +231,70 @@ def test_a_road_that_is_no_straight_road():
         read_world(MergeEnv(config={"action": {"type": "DiscreteAction"}}))
 
 
-def test_obstacles(env):
-    env.road.objects.append(Obstacle(env.road, [50, 0]))
-    with pytest.raises(SettingsError, match="obstacles"):
-        read_world(env)
+def test_what_is_known_is_accepted(env):
+    """Numbers that are read, ways to begin, and what highway-env never asks for."""
+
+    class Own(IDMVehicle):
+        LENGTH, COMFORT_ACC_MAX, DELTA_RANGE = 9.0, 1.0, (1.0, 2.0)
+        nickname = "own"
+
+        def randomize_behavior(self):
+            self.POLITENESS = 0.3
+
+        def greet(self):
+            return self.nickname
+
+    own = Own.create_random(env.road)
+    own.randomize_behavior()
+    own.color = (1, 2, 3)
+    env.road.vehicles.append(own)
+    with_attribute("MAX_SPEED", 40.0, 0)(env)
+    with_lane("speed_limit", None)(env)
+    with_lanes(31)(env)
+    world = read_world(env)
+    assert world.drivers.length[-1] == 9.0
+    assert world.drivers.politeness[-1] == 0.3
+    assert world.road.speed_limit[1] == np.inf
+    assert len(set(world.drivers.exponent[1:4])) == 3
 
 
-def test_connected_lanes(env):
-    env.road.neighbour_vehicles_connected_lanes = True
-    with pytest.raises(SettingsError, match="connected_lanes"):
-        read_world(env)
+@pytest.mark.parametrize("count", [2, 3])
+def test_every_driven_vehicle_is_external_and_driven_in_the_twin(count):
+    env = several(count)
+    world = read_world(env)
+    places = [env.road.vehicles.index(vehicle) for vehicle in env.controlled_vehicles]
+    assert np.flatnonzero(world.drivers.kind == EXTERNAL).tolist() == places
+    twin = build_env(world, simulation_frequency=15, decision_frequency=1)
+    table = command_table(twin)
+    twin.step((8, 0, 5)[:count])
+    for vehicle, action in zip(twin.controlled_vehicles, (8, 0, 5), strict=False):
+        assert vehicle.action["acceleration"] == table[action, 0]
+    assert [twin.road.vehicles.index(vehicle) for vehicle in twin.controlled_vehicles] == places
+    assert read_world(twin).drivers.kind.tolist() == world.drivers.kind.tolist()
 
 
-@pytest.mark.parametrize("kind", [LinearVehicle, AggressiveVehicle])
-def test_other_drivers(env, kind):
-    env.road.vehicles.append(kind(env.road, [300, 0], 0, 20))
-    with pytest.raises(SettingsError, match="changes"):
-        read_world(env)
+def test_an_ego_that_is_not_first_is_driven_in_the_twin(make_world):
+    twin = build_env(make_world([0, 50], [0, 0], kinds=[RULE_BASED, EXTERNAL]))
+    assert twin.vehicle is twin.road.vehicles[1]
 
 
-def test_an_ego_with_meta_actions():
-    with pytest.raises(SettingsError, match="MDPVehicle"):
-        read_world(HighwayEnv(config={"vehicles_count": 1}))
+@pytest.mark.parametrize("kinds", [[EXTERNAL, EXTERNAL], [RULE_BASED, EXTERNAL]])
+def test_the_tests_drive_vehicle_0_alone(make_world, kinds):
+    with pytest.raises(SettingsError, match="only vehicle 0"):
+        drive.live(DrivingSettings(), make_world([0, 50], [0, 0], kinds=kinds), 50)
 
 
-def test_routes(env):
-    env.road.vehicles.append(IDMVehicle(env.road, [300, 0], route=[("0", "1", 0)]))
-    with pytest.raises(SettingsError, match="route"):
-        read_world(env)
+def test_worlds_that_cannot_be_built(make_world):
+    world = make_world([0, 50], [0, 0])
+    with pytest.raises(SettingsError, match="0 ticks"):
+        build_env(world, simulation_frequency=1, decision_frequency=2)
+    limit = world.drivers.slip_limit.at[1].set(1.0)
+    with pytest.raises(SettingsError, match="slip_limit"):
+        build_env(replace(world, drivers=replace(world.drivers, slip_limit=limit)))
 
 
 def test_an_ego_that_nobody_drives(make_world):
-    with pytest.raises(SettingsError, match="vehicle 0"):
+    with pytest.raises(SettingsError, match="no vehicle is driven"):
         build_env(make_world([0, 50], [0, 0], kinds=[CONSTANT, RULE_BASED]))
 
 

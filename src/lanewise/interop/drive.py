@@ -19,7 +19,7 @@ from lanewise.controllers.controller import Parameters
 from lanewise.driving import actions, episode, observation
 from lanewise.driving.episode import Episode
 from lanewise.driving.settings import DrivingSettings
-from lanewise.errors import LanewiseError
+from lanewise.errors import LanewiseError, SettingsError
 from lanewise.evaluation import drive
 from lanewise.evaluation.drive import Sums, TestCourse
 from lanewise.evaluation.episodes import Episodes, Recording
@@ -85,8 +85,12 @@ def _drive(course: TestCourse, parameters: Parameters, seed: int, index: int) ->
 
 
 def live(driving: DrivingSettings, world: World, duration: int) -> Any:
-    """highway-env at the start of an episode of so many decisions."""
-    return highway_env.build_env(
+    """highway-env at the start of an episode of so many decisions.
+
+    Raises:
+        SettingsError: others than vehicle 0 are driven from outside too.
+    """
+    env = highway_env.build_env(
         world,
         simulation_frequency=driving.simulation_frequency,
         decision_frequency=driving.decision_frequency,
@@ -94,6 +98,9 @@ def live(driving: DrivingSettings, world: World, duration: int) -> Any:
         steering=driving.actions.steering,
         duration=duration / driving.decision_frequency,
     )
+    if env.controlled_vehicles != [env.road.vehicles[0]]:
+        raise SettingsError("only vehicle 0 can be driven here; make the others CONSTANT")
+    return env
 
 
 def read(env: Any) -> World:

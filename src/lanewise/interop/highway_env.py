@@ -1,6 +1,6 @@
 """Our world and highway-env's, one made from the other: the twin that judges our world.
 
-The only module that imports highway-env. It speaks of version 1.12.1 and of straight roads.
+It speaks of version 1.12.1 and of straight roads. What may be read is in `known`.
 """
 
 from collections.abc import Callable, Iterable
@@ -17,19 +17,10 @@ from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
 from lanewise.errors import SettingsError
+from lanewise.interop import known
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, Road, Vehicles, World
 
 ORIGIN, DESTINATION = "0", "1"
-_IDM_METHODS = (
-    "act",
-    "step",
-    "acceleration",
-    "desired_gap",
-    "change_lane_policy",
-    "mobil",
-    "steering_control",
-    "follow_road",
-)
 _PARAMETERS: dict[str, Callable[[Any], float]] = {
     "comfort_acceleration": lambda v: v.COMFORT_ACC_MAX,
     "comfort_deceleration": lambda v: -v.COMFORT_ACC_MIN,
@@ -62,31 +53,6 @@ def _floats(values: Iterable[Any]) -> Any:
 
 def _flags(values: Iterable[Any]) -> Any:
     return np.array([bool(value) for value in values], bool)
-
-
-def _lanes(env: Any) -> list[Any]:
-    roads = [lanes for ends in env.road.network.graph.values() for lanes in ends.values()]
-    if len(roads) != 1:
-        raise SettingsError(f"the road network has {len(roads)} roads; only one can be read")
-    for lane in roads[0]:
-        if type(lane) is not StraightLane or lane.start[1] != lane.end[1] or lane.heading != 0:
-            raise SettingsError("a lane is not straight along x; only such lanes can be read")
-    return list(roads[0])
-
-
-def _check_vehicle(vehicle: Any) -> None:
-    kind = type(vehicle)
-    if kind is Vehicle:
-        return
-    if not isinstance(vehicle, IDMVehicle):
-        raise SettingsError(f"a {kind.__name__} cannot be read; use Vehicle or IDMVehicle")
-    changed = [
-        name for name in _IDM_METHODS if getattr(kind, name) is not getattr(IDMVehicle, name)
-    ]
-    if changed:
-        raise SettingsError(f"{kind.__name__} changes {', '.join(changed)} of IDMVehicle")
-    if vehicle.route:
-        raise SettingsError("a vehicle follows a route; routes cannot be read")
 
 
 def _read_road(lanes: list[Any]) -> Road:
@@ -147,26 +113,22 @@ def read_world(env: Any) -> World:
 
     Args:
         env: an environment with one straight road along x, whose vehicles are plain `Vehicle`s
-            (controlled ones become EXTERNAL, others CONSTANT) and `IDMVehicle`s.
+            and `IDMVehicle`s. Plain vehicles that the environment's actions drive become EXTERNAL,
+            others CONSTANT. Its action type is "DiscreteAction" or "ContinuousAction", or
+            "MultiAgentAction" of one of these.
 
     Returns:
         One world in float64 NumPy arrays, with as many vehicles and lanes as there are; parameters
         are read from each vehicle, so that randomised ones are its own.
 
     Raises:
-        SettingsError: the environment holds something our world cannot represent.
+        SettingsError: the environment holds something that is not known to be represented.
     """
     env = env.unwrapped
-    lanes = _lanes(env)
-    if env.road.objects:
-        raise SettingsError("there are obstacles or landmarks on the road; they cannot be read")
-    if getattr(env.road, "neighbour_vehicles_connected_lanes", False):
-        raise SettingsError("neighbour_vehicles_connected_lanes is on; it cannot be read")
+    known.check(env)
     vehicles = list(env.road.vehicles)
-    for vehicle in vehicles:
-        _check_vehicle(vehicle)
     return World(
-        road=_read_road(lanes),
+        road=_read_road(known.lanes(env.road.network)),
         drivers=_read_drivers(vehicles, env.controlled_vehicles),
         vehicles=_read_vehicles(vehicles),
     )
@@ -209,6 +171,8 @@ def _build_vehicle(road: Any, state: SimpleNamespace, driver: SimpleNamespace) -
     place = (road, [state.x, state.y], state.heading, state.speed)
     vehicle: Any
     if driver.kind == RULE_BASED:
+        if not 0 <= driver.slip_limit < 1:
+            raise SettingsError(f"a slip_limit of {driver.slip_limit} is no sine below 1")
         vehicle = IDMVehicle(*place)
         vehicle.COMFORT_ACC_MIN = -driver.comfort_deceleration
         vehicle.COMFORT_ACC_MAX = driver.comfort_acceleration
@@ -251,6 +215,10 @@ def _discrete_action(acceleration: float, steering: float) -> dict[str, Any]:
     }
 
 
+def _of_each(action: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "MultiAgentAction", "action_config": action}
+
+
 def _kinematics(lanes: int, lane_width: float) -> dict[str, Any]:
     width = lane_width * lanes
     return {
@@ -283,10 +251,12 @@ def build_env(
 ) -> HighwayEnv:
     """Make a live highway-env environment whose road and vehicles equal our world.
 
-    The ego, vehicle 0, is a plain `Vehicle` under a DiscreteAction of nine actions, or heeds none
-    if it is RULE_BASED; other EXTERNAL and CONSTANT vehicles are plain `Vehicle`s, RULE_BASED ones
-    `IDMVehicle`s whose parameters are set on the instance. The observation is Kinematics with fixed
-    ranges.
+    EXTERNAL and CONSTANT vehicles are plain `Vehicle`s, RULE_BASED ones `IDMVehicle`s whose
+    parameters are set on the instance. The EXTERNAL one is driven by a DiscreteAction of nine
+    actions; of several each is, by a tuple of actions in their order (MultiAgentAction). Where
+    there is none, the ego is vehicle 0, which must be RULE_BASED and heeds no action. The
+    observation, reward and endings are those of the first driven vehicle; the observation is
+    Kinematics with fixed ranges.
 
     Args:
         world: one world, any float type; absent vehicles are left out.
@@ -301,21 +271,25 @@ def build_env(
         The environment, not to be reset: a reset would replace the road and all vehicles.
 
     Raises:
-        SettingsError: the ego is missing or CONSTANT, or lanes are missing in between.
+        SettingsError: nobody could be driven, lanes are missing in between, a limit of the slip
+            angle is not below 1, or a decision would last 0 ticks.
     """
+    known.check_rates(simulation_frequency, decision_frequency)
     indices = _present(world.vehicles)
-    kinds = np.asarray(world.drivers.kind)
-    if not indices or indices[0] != 0 or kinds[0] == CONSTANT:
-        raise SettingsError("vehicle 0 must be present and driven from outside or by rules")
+    kinds = np.asarray(world.drivers.kind)[indices]
+    driven = np.flatnonzero(kinds == EXTERNAL).tolist()
+    if not driven and not (indices and indices[0] == 0 and kinds[0] == RULE_BASED):
+        raise SettingsError("no vehicle is driven from outside, and vehicle 0 not by rules")
     network = _build_network(world.road)
     lanes = len(_present(world.road))
+    action = _discrete_action(acceleration, steering)
     config = {
         "lanes_count": lanes,
         "vehicles_count": 0,
         "simulation_frequency": simulation_frequency,
         "policy_frequency": decision_frequency,
         "duration": duration,
-        "action": _discrete_action(acceleration, steering),
+        "action": action if len(driven) < 2 else _of_each(action),
         "observation": _kinematics(lanes, float(np.asarray(world.road.width)[0])),
         "offscreen_rendering": True,
     }
@@ -325,32 +299,34 @@ def build_env(
         _build_vehicle(env.road, _row(world.vehicles, index), _row(world.drivers, index))
         for index in indices
     ]
-    env.controlled_vehicles = [env.road.vehicles[0]]
+    env.controlled_vehicles = [env.road.vehicles[place] for place in driven or [0]]
     env.define_spaces()
-    if kinds[0] == RULE_BASED:
+    if not driven:
         # The road lets it act at every tick, and a second time would be once too often.
-        env.action_type.act = lambda action: None
+        env.action_type.act = known.heeds_nothing
     env.time, env.steps, env.done = 0, 0, False
     return env
 
 
 def command_table(env: Any) -> Any:
-    """The commands that an environment's nine discrete actions stand for.
+    """The commands that the nine discrete actions of a driven vehicle stand for.
 
     highway-env computes them in float32 (`float32-actions`), so that a steering of pi / 50 is not
     exactly that; comparisons in float64 must use these values.
 
     Args:
-        env: an environment with a DiscreteAction of three values an axis.
+        env: an environment with a DiscreteAction of three values an axis, or one of each vehicle.
 
     Returns:
         float64 NumPy array [9, 2]: acceleration, m/s^2, and steering, rad.
     """
-    env = env.unwrapped
-    stored = dict(env.vehicle.action)
+    kind = env.unwrapped.action_type
+    kind = getattr(kind, "agents_action_types", [kind])[0]
+    vehicle = kind.controlled_vehicle
+    stored = dict(vehicle.action)
     table = []
-    for action in range(env.action_space.n):
-        env.action_type.act(action)
-        table.append([float(env.vehicle.action[name]) for name in ("acceleration", "steering")])
-    env.vehicle.action = stored
+    for action in range(kind.space().n):
+        kind.act(action)
+        table.append([float(vehicle.action[name]) for name in ("acceleration", "steering")])
+    vehicle.action = stored
     return np.array(table)

@@ -11,6 +11,8 @@ END_MARGIN = 5.0
 """A vehicle counts as on a lane up to this far beyond either end, m."""
 NEIGHBOUR_MARGIN = 1.0
 """A vehicle is a neighbour on a lane up to this far beyond the lane's edge, m."""
+MOST_LANES = 31
+"""Sets of lanes are the bits of an int32, and right of the last there is nobody."""
 REACHABLE_WIDTHS = 2.0
 """A lane can be changed into from at most this many of its widths away."""
 
