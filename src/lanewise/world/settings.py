@@ -25,7 +25,8 @@ class DriverSettings:
     time_gap: Annotated[float, Between(0.0, 10.0, "s")] = 1.5
     """IDM time gap T."""
     exponent: Annotated[float, Between(0.1, 20.0)] = 4.0
-    """IDM exponent delta of the free-road term."""
+    """IDM exponent delta of the free-road term. Above 4, highway-env loses gains of MOBIL in
+    rounding, which float32 does not (`cancelled-free-road-term` in numerics.md)."""
     politeness: Annotated[float, Between(0.0, 10.0)] = 0.5
     """MOBIL politeness p."""
     minimum_gain: Annotated[float, Between(-10.0, 10.0, "m/s^2")] = 0.2
@@ -33,7 +34,8 @@ class DriverSettings:
     imposed_braking: Annotated[float, Between(0.0, 20.0, "m/s^2")] = 2.0
     """MOBIL safety: the hardest braking a change may force on the new rear vehicle."""
     change_delay: Annotated[float, Between(0.001, 60.0, "s")] = 1.0
-    """A driver thinks about a lane change when its timer is strictly above this."""
+    """A driver thinks about a lane change when its timer is strictly above this. In float32, delays
+    other than 1 s may end a tick apart from highway-env (`timer-in-float32` in numerics.md)."""
     acceleration_limit: Annotated[float, Between(0.0, 20.0, "m/s^2")] = 1.0
     """Accelerations are clipped to plus and minus this."""
     steering_limit: Annotated[float, Between(0.0, 1.5, "rad")] = pi / 36
