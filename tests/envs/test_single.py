@@ -193,6 +193,28 @@ def test_options_and_seeds_that_make_no_sense(env):
         env.unwrapped.reset(options={"start": -1})
 
 
+@pytest.mark.parametrize(
+    ("seed", "options"),
+    [(-1, None), (2**32, None), (1.5, None), (True, None), ("7", None), ([7], None)]
+    + [(7, {"start": 2**31}), (7, {"stat": 1}), (7, "start")],
+)
+def test_a_reset_that_is_refused_changes_nothing(seed, options):
+    env = gymnasium.make("lanewise/Trap-v0").unwrapped
+    env.reset(seed=1)
+    number = env.np_random.random()
+    with pytest.raises(LanewiseError):
+        env.reset(seed=seed, options=options)
+    info = env.reset()[1]
+    assert (info["seed"], info["start"]) == (1, 1)
+    env.reset(seed=1)
+    assert env.np_random.random() == number
+
+
+def test_a_seed_may_be_of_numpy():
+    env = gymnasium.make("lanewise/Trap-v0")
+    assert env.reset(seed=np.int64(7), options={"start": np.int32(2)})[1]["seed"] == 7
+
+
 def test_a_seed_of_32_bits_is_the_same_start_everywhere():
     """A compiled start takes it as an unsigned number, `trap.start_key` as Python's."""
     env = gymnasium.make("lanewise/Trap-v0")

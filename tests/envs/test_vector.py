@@ -161,11 +161,61 @@ def test_pictures_need_a_mode_and_an_episode():
         env.render()
 
 
+@pytest.fixture(scope="module")
+def seeded():
+    """Many worlds to be reset."""
+    return gymnasium.make_vec("lanewise/Trap-v0", COUNT, **SETTINGS)
+
+
+LAST = 2**32 - 1
+
+
 @pytest.mark.parametrize(
-    ("seeds", "says"),
-    [([1, 2, 3], "3 seeds for 2 environments"), ([1, -1], "must be between 0")],
+    ("given", "says"),
+    [
+        ({"seed": [1, 2, 3]}, "3 seeds for 6 environments"),
+        ({"seed": [9, 10, 11, 12, 13, -1]}, "must be a whole number between 0 and .*, got -1"),
+        ({"seed": [9, 10, 11, 12, 13, LAST + 1]}, "must be a whole number .*, got 4294967296"),
+        ({"seed": LAST - COUNT + 2}, "must be a whole number .*, got 4294967296"),
+        ({"seed": -1}, "got -1"),
+        ({"seed": [1.5, 2, 3, 4, 5, 6]}, "got 1.5"),
+        ({"seed": np.arange(6.0)}, "got 0.0"),
+        ({"seed": 3.0}, "got 3.0"),
+        ({"seed": [1, 2, 3, 4, 5, True]}, "got true"),
+        ({"seed": True}, "got true"),
+        ({"seed": "123456"}, 'got "123456"'),
+        ({"seed": ["1", 2, 3, 4, 5, 6]}, 'got "1"'),
+        ({"seed": {1, 2, 3, 4, 5, 6}}, "got {1, 2, 3, 4, 5, 6}"),
+        ({"seed": np.zeros((6, 2), int)}, r"got \[0, 0\]"),
+        ({"seed": 5, "options": {"begin": 3}}, "unknown option 'begin'"),
+        ({"seed": 5, "options": {"start": 1.0}}, "option start must be a whole number"),
+        ({"seed": 5, "options": {"start": True}}, "option start must be a whole number"),
+        ({"seed": 5, "options": 3}, "options: expected a mapping, got 3"),
+        ({"seed": 5, "options": {"reset_mask": [True, False]}}, "reset_mask must be"),
+        ({"seed": 5, "options": {"reset_mask": np.zeros(COUNT, bool)}}, "reset_mask must be"),
+    ],
 )
-def test_seeds_that_make_no_sense(seeds, says):
-    env = gymnasium.make_vec("lanewise/Trap-v0", 2, **SETTINGS)
-    with pytest.raises(LanewiseError, match=says):
-        env.reset(seed=seeds)
+def test_a_reset_that_is_refused_changes_nothing(seeded, given, says):
+    seeded.reset(seed=1)
+    with pytest.raises((LanewiseError, ValueError), match=says):
+        seeded.reset(**given)
+    info = seeded.reset()[1]
+    assert info["seed"].tolist() == list(range(1, 1 + COUNT))
+    assert info["start"].tolist() == [1] * COUNT
+
+
+def test_seeds_of_none_are_drawn_for_each_world_alone():
+    env = gymnasium.make_vec("lanewise/Trap-v0", COUNT, **SETTINGS)
+    observations, info = env.reset(seed=[None] * (COUNT - 1) + [7])
+    assert len(set(info["seed"])) == len(np.unique(observations, axis=0)) == COUNT
+    assert (info["seed"][-1], set(info["start"])) == (7, {0})
+    again = env.reset(seed=[3] + [None] * (COUNT - 1))[1]
+    assert again["seed"].tolist() == [3, *info["seed"][1:]]
+    assert again["start"].tolist() == [0] + [1] * (COUNT - 1)
+
+
+@pytest.mark.parametrize(
+    "seed", [np.arange(3, 3 + COUNT), tuple(range(3, 3 + COUNT)), np.int64(3), np.uint8(3)]
+)
+def test_seeds_may_be_of_numpy(seeded, seed):
+    assert seeded.reset(seed=seed)[1]["seed"].tolist() == list(range(3, 3 + COUNT))

@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from lanewise import config
 from lanewise.errors import SettingsError, brief
 from lanewise.names import nearest
@@ -22,7 +24,7 @@ def compose(
         trap: a scenario preset.
         given: values by setting. A setting may be named in full (``"scenario.trap_speed"``), by
             its last word where only one ends so (``trap_speed``), or within a mapping named like
-            its section (``scenario={"trap_speed": 10.9}``).
+            its section (``scenario={"trap_speed": 10.9}``). NumPy's numbers are taken too.
         sections: those whose settings may be given.
 
     Raises:
@@ -35,8 +37,17 @@ def compose(
         setting = _resolve(name, known)
         if setting in flags:
             raise SettingsError(f"{setting} is given twice")
-        flags[setting] = value
+        flags[setting] = plain(value)
     return config.compose(preset, trap, flags=flags)
+
+
+def plain(value: Any) -> Any:
+    """NumPy's numbers and arrays as Python's, those of a list too; anything else as it is."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [plain(member) for member in value]
+    return value
 
 
 def _flat(

@@ -58,7 +58,7 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
         self.metadata = metadata(self.task)
         self.action_space = spaces.of_actions(self.task)
         self.observation_space = spaces.of_observations(self.task)
-        self._starts = Starts(1)
+        self._starts = Starts.none(1)
         self._state: State | None = None
         self._info: Info = {}
         self._over = False
@@ -71,12 +71,16 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
         Args:
             seed: whose starts follow from now on; at first, without one, a random one's.
             options: ``{"start": i}`` for start i of the seed.
+
+        Raises:
+            LanewiseError: an option or a seed makes no sense; nothing has changed then.
         """
-        super().reset(seed=seed)
-        self._starts.turn(np.array([True]), seed, options)
-        observation, facts = rows.unpack(self._begin(*self._starts.first))
+        starts = self._starts.turned(np.array([True]), [seed], options)
+        observation, facts = rows.unpack(self._begin(*starts.first))
+        super().reset(seed=None if seed is None else starts.first[0])
+        self._starts = starts
         self._over = False
-        self._info = info(facts, self._starts)
+        self._info = info(facts, starts)
         return observation, self._info
 
     def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, Info]:
@@ -186,7 +190,7 @@ def _reset(task: Trap, seed: Array, index: Array) -> tuple[State, Array]:
     return state, rows.pack(shown)
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=1)
+@partial(jax.jit, static_argnums=0)
 def _step(task: Trap, state: State, action: ArrayLike) -> tuple[State, Array]:
     """(state, row)."""
     state, shown = functional.step(task, state, action)

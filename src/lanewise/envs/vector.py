@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from lanewise.driving import restart
 from lanewise.envs import functional, rows, single, spaces
 from lanewise.envs.functional import State, Trap
-from lanewise.envs.starts import Starts
+from lanewise.envs.starts import Starts, mapping
 from lanewise.errors import SettingsError
 from lanewise.names import look_up
 from lanewise.scenario import trap
@@ -78,7 +78,7 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
         self.single_observation_space = spaces.of_observations(self.task)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._starts = Starts(num_envs)
+        self._starts = Starts.none(num_envs)
         self._states: State | None = None
         self._observations = np.zeros(self.observation_space.shape or (), np.float32)
         self._info: Info = {}
@@ -92,23 +92,29 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
         Args:
             seed: environment i takes ``seed + i``, or its own of a list; None: the next starts.
             options: ``{"reset_mask": bool [W]}`` to reset some only, ``{"start": i}`` for start i.
+
+        Raises:
+            LanewiseError: an option or a seed makes no sense; nothing has changed then.
+            ResetNeeded: the first reset has a mask.
+            ValueError: there is no such mask.
         """
-        super().reset(seed=seed if isinstance(seed, int) else None)
-        others = dict(options or {})
+        others = mapping(options)
         which = self._mask(others.pop("reset_mask", None))
         if self._states is None and not which.all():
             raise ResetNeeded("the first reset() is of all environments, without a reset_mask")
-        self._starts.turn(which, seed, others)
+        starts = self._starts.turned(which, seed, others)
         if self._states is None or which.all():
-            self._states, found = _reset(self.task, self._starts.seeds, self._starts.indices)
+            states, found = _reset(self.task, starts.seeds, starts.indices)
         else:
-            self._states, found = _reset_some(
-                self.task, self._states, self._starts.seeds, self._starts.indices, which
+            states, found = _reset_some(
+                self.task, self._states, starts.seeds, starts.indices, which
             )
+        super().reset(seed=None if seed is None else starts.first[0])
+        self._states, self._starts = states, starts
         observations, facts = rows.unpack(found)
-        self._observations[which] = observations[which]
-        self._over[which] = False
-        self._info = _info(facts, self._starts, which)
+        self._observations = np.where(which[:, None], observations, self._observations)
+        self._over = self._over & ~which
+        self._info = _info(facts, starts, which)
         return self._observations.copy(), self._info
 
     def step(self, actions: Any) -> tuple[NDArray[np.float32], Floats, Booleans, Booleans, Info]:
@@ -135,11 +141,11 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
         )
         self._observations, facts = rows.unpack(found)
         done = facts["terminated"] | facts["truncated"]
-        before = self._starts.copy()
+        before = self._starts
         if self.mode is AutoresetMode.NEXT_STEP:
-            self._starts.following(self._over)
+            self._starts = before.following(self._over)
         elif self.mode is AutoresetMode.SAME_STEP:
-            self._starts.following(done)
+            self._starts = before.following(done)
         everyone = np.ones(self.num_envs, np.bool_)
         self._info = _info(facts, self._starts, everyone)
         if self.mode is AutoresetMode.SAME_STEP and done.any():
@@ -269,7 +275,7 @@ def _reset(task: Trap, seeds: Array, indices: Array) -> tuple[State, Array]:
     return _fresh(task, seeds, indices)
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=1)
+@partial(jax.jit, static_argnums=0)
 def _reset_some(
     task: Trap, states: State, seeds: Array, indices: Array, which: Array
 ) -> tuple[State, Array]:
@@ -281,7 +287,7 @@ Stepped = tuple[State, Array, Array]
 """(states, rows to be shown, rows of the step itself)."""
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=1)
+@partial(jax.jit, static_argnums=0)
 def _step(
     task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
 ) -> Stepped:
@@ -290,7 +296,7 @@ def _step(
     return states, found, found
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=1)
+@partial(jax.jit, static_argnums=0)
 def _step_or_restart(
     task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
 ) -> Stepped:
@@ -300,7 +306,7 @@ def _step_or_restart(
     return states, shown, found
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=1)
+@partial(jax.jit, static_argnums=0)
 def _step_and_restart(
     task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
 ) -> Stepped:
