@@ -1,11 +1,13 @@
 """Environments of one world: what Gymnasium asks of them, seeds, endings, pictures."""
 
+import copy
+import pickle
 import warnings
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.error import ResetNeeded
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordEpisodeStatistics, RecordVideo
 from imageio_ffmpeg import count_frames_and_secs
@@ -81,6 +83,37 @@ def test_an_episode_that_is_over_wants_a_reset(env):
     env.reset()
     with pytest.raises(ValueError, match="action must be in"):
         env.step(99)
+
+
+@pytest.mark.parametrize("name", [*ENVIRONMENTS])
+def test_a_closed_environment_says_so(name):
+    env = gymnasium.make(name, render_mode="rgb_array").unwrapped
+    env.reset(seed=0)
+    for _ in range(2):
+        env.close()
+    action = env.action_space.sample()
+    for call in (env.reset, env.render, lambda: env.step(action)):
+        with pytest.raises(ClosedEnvironmentError, match="closed; make a new one"):
+            call()
+
+
+@pytest.mark.parametrize("name", ["lanewise/Trap-v0", "lanewise/TrapHighwayEnv-v0"])
+@pytest.mark.parametrize(
+    "again", [copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
+)
+def test_a_copy_goes_its_own_way(name, again):
+    env = gymnasium.make(name, render_mode="rgb_array").unwrapped
+    env.reset(seed=1)
+    env.step(IDLE)
+    other = again(env)
+    ours = [env.step(action) for action in (5, 5, 7)]
+    theirs = [other.step(action) for action in (5, 5, 7)]
+    assert same(ours, theirs)
+    other.reset(seed=4)
+    env.step(IDLE)
+    assert env.reset()[1]["seed"] == 1
+    other.close()
+    env.step(IDLE)
 
 
 def test_time_runs_out_without_an_accident():
@@ -195,8 +228,10 @@ def test_options_and_seeds_that_make_no_sense(env):
 
 @pytest.mark.parametrize(
     ("seed", "options"),
-    [(-1, None), (2**32, None), (1.5, None), (True, None), ("7", None), ([7], None)]
-    + [(7, {"start": 2**31}), (7, {"stat": 1}), (7, "start")],
+    [
+        *((seed, None) for seed in (-1, 2**32, 1.5, True, "7", [7])),
+        *((7, options) for options in ({"start": 2**31}, {"stat": 1}, "start")),
+    ],
 )
 def test_a_reset_that_is_refused_changes_nothing(seed, options):
     env = gymnasium.make("lanewise/Trap-v0").unwrapped

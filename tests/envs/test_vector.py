@@ -1,9 +1,12 @@
 """Many worlds in one call: equal to a loop of single ones, in each autoreset mode."""
 
+import copy
+import pickle
+
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.error import ResetNeeded
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
@@ -51,8 +54,25 @@ def alike(ours, theirs, place=""):
     ],
 )
 def test_equal_to_a_loop_of_single_ones(name, mode):
-    ours = gymnasium.make_vec(name, COUNT, autoreset_mode=mode, **SETTINGS)
-    theirs = SyncVectorEnv([lambda: gymnasium.make(name, **SETTINGS)] * COUNT, autoreset_mode=mode)
+    compare_with_a_loop(name, mode, SETTINGS)
+
+
+@pytest.mark.parametrize(
+    "mode",
+    [
+        AutoresetMode.NEXT_STEP,
+        AutoresetMode.SAME_STEP,
+        pytest.param(AutoresetMode.DISABLED, marks=pytest.mark.slow),
+    ],
+)
+def test_a_limit_of_steps_is_that_of_single_ones(mode):
+    assert compare_with_a_loop(IDS[0], mode, SETTINGS | {"max_episode_steps": 5}) > 60
+
+
+def compare_with_a_loop(name, mode, settings):
+    """Step by step; how many episodes ended."""
+    ours = gymnasium.make_vec(name, COUNT, autoreset_mode=mode, **settings)
+    theirs = SyncVectorEnv([lambda: gymnasium.make(name, **settings)] * COUNT, autoreset_mode=mode)
     assert ours.observation_space == theirs.observation_space
     assert ours.action_space == theirs.action_space
     assert ours.metadata["autoreset_mode"] is theirs.metadata["autoreset_mode"] is mode
@@ -72,6 +92,7 @@ def test_equal_to_a_loop_of_single_ones(name, mode):
             alike(again[0][0], again[1][0])
             alike({k: v[done] for k, v in again[0][1].items()}, _where(again[1][1], done))
     assert ended > COUNT
+    return ended
 
 
 def _where(info, done):
@@ -129,6 +150,55 @@ def test_pictures():
     one, other, *_ = env.render()
     assert one.shape == other.shape == (240, 960, 3)
     assert not np.array_equal(one, other)
+
+
+@pytest.mark.parametrize("count", [np.int64(2), np.array([2])[0]])
+def test_numbers_may_be_of_numpy(count):
+    env = gymnasium.make_vec("lanewise/Trap-v0", count, trap_speed=np.float32(9.0))
+    assert (type(env.num_envs), env.num_envs, env.task.scenario.trap_speed) == (int, 2, 9.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"num_envs": 0}, "num_envs must be at least 1, got 0"),
+        ({"num_envs": True}, "num_envs: expected a whole number, got true"),
+        ({"num_envs": 2.0}, "num_envs: expected a whole number, got 2.0"),
+        ({"max_episode_steps": 0}, "max_episode_steps must be at least 1, got 0"),
+        ({"max_episode_steps": 2.5}, "max_episode_steps: expected a whole number, got 2.5"),
+    ],
+)
+def test_numbers_of_worlds_and_steps_that_make_no_sense(given, says):
+    with pytest.raises(SettingsError, match=says):
+        gymnasium.make_vec("lanewise/Trap-v0", **given)
+
+
+def test_a_closed_environment_says_so():
+    env = gymnasium.make_vec("lanewise/Trap-v0", COUNT, render_mode="rgb_array", **SETTINGS)
+    env.reset(seed=0)
+    for _ in range(2):
+        env.close()
+    for call in (env.reset, env.render, lambda: env.step([4] * COUNT)):
+        with pytest.raises(ClosedEnvironmentError, match="closed; make a new one"):
+            call()
+
+
+@pytest.mark.parametrize(
+    "again", [copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
+)
+def test_a_copy_goes_its_own_way(again):
+    env = gymnasium.make_vec("lanewise/Trap-v0", COUNT, max_episode_steps=4, **SETTINGS)
+    env.reset(seed=1)
+    env.step([4] * COUNT)
+    other = again(env)
+    other.reset(seed=9, options={"reset_mask": np.arange(COUNT) == 0})
+    ours = [env.step([4] * COUNT) for _ in range(4)]
+    theirs = [other.step([4] * COUNT) for _ in range(4)]
+    for one, two in zip(ours, theirs, strict=True):
+        assert np.array_equal(one[0][1:], two[0][1:])
+        assert not np.array_equal(one[0][0], two[0][0])
+    assert [np.flatnonzero(step[3]).tolist() for step in ours[2:]] == [list(range(COUNT)), []]
+    assert [np.flatnonzero(step[3]).tolist() for step in theirs[2:]] == [[*range(1, COUNT)], [0]]
 
 
 def test_mistakes():

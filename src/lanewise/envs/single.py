@@ -12,12 +12,13 @@ import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gymnasium.error import ResetNeeded
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.spaces import Box
 from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
+from lanewise import forked
 from lanewise.envs import functional, rows, spaces
 from lanewise.envs.functional import State, Trap
 from lanewise.envs.starts import Starts
@@ -41,6 +42,7 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": 2}  # noqa: RUF012
     actions = "low-level"
     """As of `functional.make`."""
+    closed = False
 
     def __init__(self, *, render_mode: str | None = None, **settings: Any) -> None:
         """An environment to be reset.
@@ -74,7 +76,9 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
 
         Raises:
             LanewiseError: an option or a seed makes no sense; nothing has changed then.
+            ClosedEnvironmentError: after `close`.
         """
+        refuse_unusable(self.closed)
         starts = self._starts.turned(np.array([True]), [seed], options)
         observation, facts = rows.unpack(self._begin(*starts.first))
         super().reset(seed=None if seed is None else starts.first[0])
@@ -89,7 +93,9 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
         Raises:
             ResetNeeded: there is no episode under way.
             ValueError: there is no such action.
+            ClosedEnvironmentError: after `close`.
         """
+        refuse_unusable(self.closed)
         if self._state is None or self._over:
             raise ResetNeeded("the episode is over: call reset() before step()")
         observation, facts = rows.unpack(self._decide(checked(self.action_space, action)))
@@ -100,6 +106,7 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
 
     def render(self) -> Any:
         """The road from above, uint8 [240, 960, 3]; None without a render mode."""
+        refuse_unusable(self.closed)
         if self.render_mode is None:
             return None
         if self._state is None:
@@ -112,6 +119,10 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
             success=bool(self._info["is_success"]),
             accident=int(self._info["accident"]),
         )
+
+    def close(self) -> None:
+        """Nothing but a second `close` can follow."""
+        self.closed = True
 
     def _begin(self, seed: int, index: int) -> Any:
         """Start ``index`` of a seed; its row."""
@@ -156,6 +167,18 @@ def refuse_other(settings: Mapping[str, Any], render_mode: object) -> None:
         )
     if render_mode is not None:
         look_up("render_mode", render_mode, dict.fromkeys(RENDER_MODES))
+
+
+def refuse_unusable(closed: bool) -> None:
+    """Refuses to go on where that is no longer possible.
+
+    Raises:
+        ClosedEnvironmentError: the environment was closed.
+        LanewiseError: see `forked.refuse`.
+    """
+    if closed:
+        raise ClosedEnvironmentError("this environment is closed; make a new one")
+    forked.refuse()
 
 
 def metadata(task: Trap) -> dict[str, Any]:
