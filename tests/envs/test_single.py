@@ -1,6 +1,8 @@
 """Environments of one world: what Gymnasium asks of them, seeds, endings, pictures."""
 
+import contextlib
 import copy
+import dataclasses
 import pickle
 import warnings
 
@@ -12,10 +14,13 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordEpisodeStatistics, RecordVideo
 from imageio_ffmpeg import count_frames_and_secs
 
+import lanewise
+from lanewise import config
 from lanewise.driving import observation
 from lanewise.envs import keywords, single
 from lanewise.errors import LanewiseError, SettingsError
 from lanewise.registration import ENVIRONMENTS
+from lanewise.settings import Settings
 
 IDLE, FASTER = 4, 7
 FASTER_BY_ID = {
@@ -213,6 +218,59 @@ def test_misspelt_settings_are_refused(given, said):
 def test_render_modes_that_there_are_not():
     with pytest.raises(SettingsError, match='unknown render_mode "rgb"; did you mean rgb_array'):
         single.TrapEnv(render_mode="rgb")
+
+
+SHORT = """
+lanes lane_width speed_limit ego_driver ego_speed trap_speed training_ego_speed
+training_trap_speed training_lanes training_front_distance training_side_distance
+test_front_distance test_side_distance missing_target_speed vehicles_ahead vehicles_behind
+spacing spacing_jitter gap_behind simulation_frequency decision_frequency stopped_speed scaling
+x_range relative_speed_range perception_distance speed_weight steering_weight centring_weight
+accident_penalty validation_episodes validation_interval
+"""
+"""The last words that say by themselves what they are; whoever adds a setting judges its own."""
+
+
+def test_a_short_name_that_may_be_misread_is_refused():
+    accepted = set()
+    for full, value in config.flatten(Settings()).items():
+        last = full.rpartition(".")[2]
+        sections = [section.name for section in dataclasses.fields(Settings)]
+        with contextlib.suppress(SettingsError):
+            keywords.compose("quick", "trap-10", {last: value}, sections)
+            accepted.add(last)
+        section, _, rest = full.partition(".")
+        keywords.compose("quick", "trap-10", {section: {rest: value}}, sections)
+    assert accepted == set(SHORT.split())
+
+
+@pytest.mark.parametrize(
+    ("given", "full"),
+    [
+        ({"target_speed": 14.0}, "scenario.traffic.driver.target_speed"),
+        ({"driver": {"target_speed": 14.0}}, "scenario.traffic.driver.target_speed"),
+        ({"speed": 9.0}, "scenario.traffic.speed"),
+        ({"acceleration": 2.0}, "driving.actions.acceleration"),
+        ({"time_limit": 40.0}, "goals.time_limit"),
+        ({"speed_range": 20.0}, "driving.observation.speed_range"),
+    ],
+)
+def test_what_would_be_read_as_the_ego_s_is_given_in_full(given, full):
+    (name,) = given
+    for use in (
+        lambda: gymnasium.make("lanewise/Trap-v0", **given),
+        lambda: gymnasium.make_vec("lanewise/Trap-v0", 2, **given),
+        lambda: lanewise.evaluate(lambda seen: 4, **given),
+        lambda: lanewise.train("never", **given),
+    ):
+        with pytest.raises(SettingsError, match=rf'"{name}.*" alone .* {full}: give it in full'):
+            use()
+    value = given[name]
+    env = gymnasium.make("lanewise/Trap-v0", **{full: 9.5 if isinstance(value, dict) else value})
+    assert env.spec.id == "lanewise/Trap-v0"
+    traffic = {"traffic": {"speed": 9.0, "driver": {"target_speed": 14.0}}}
+    scenario = keywords.compose("quick", "trap-10", traffic).scenario
+    assert (scenario.traffic.speed, scenario.traffic.driver.target_speed) == (9.0, 14.0)
 
 
 def test_every_setting_has_a_full_name():
