@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from lanewise import registration
+from lanewise import forked, registration
 from lanewise.version import __version__
 
 if TYPE_CHECKING:
@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Evaluation", "Parts", "__version__", "evaluate", "train"]
 
+forked.watch()
 registration.with_gymnasium()
 
 

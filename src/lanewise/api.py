@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lanewise import interop
+from lanewise import forked, interop
 from lanewise.controllers.planned import Planned
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.parts import OURS, Parts, checked
@@ -64,6 +64,7 @@ class Evaluation:
 
     def record(self, episode: int = 0) -> Recording:
         """An episode frame by frame, driven once more."""
+        forked.refuse()
         found: Recording = self._record(episode)
         return found
 
@@ -141,6 +142,7 @@ def train(
         LanewiseError: an argument makes no sense, or the folder holds something else, such as a
             run made with another seed or other settings.
     """
+    forked.refuse()
     path: Path = PATH.check("out", out)
     look_up("controller", controller, dict.fromkeys(CONTROLLERS))
     seed, parts = None if seed is None else _whole(SEED, "seed", seed), checked(parts)
@@ -217,6 +219,7 @@ def evaluate(
     Raises:
         LanewiseError: an argument makes no sense, or the policy chose what does not exist.
     """
+    forked.refuse()
     look_up("world", world, dict.fromkeys(WORLDS))
     episodes, seed = _whole(COUNT, "episodes", episodes), _whole(SEED, "seed", seed)
     SWITCH.check("quiet", quiet)

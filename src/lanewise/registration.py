@@ -1,6 +1,5 @@
 """Makes the environments known to Gymnasium, whichever of the two is imported first."""
 
-import importlib.util
 import sys
 from collections.abc import Sequence
 from importlib.abc import MetaPathFinder
@@ -33,26 +32,31 @@ def register() -> None:
 
 
 def with_gymnasium() -> None:
-    """Register now if Gymnasium is imported already, else as soon as it is.
+    """Register now if Gymnasium is imported already, and whenever it is imported from now on.
 
-    Gymnasium itself is not imported: it would double the time that ``lanewise --help`` takes.
+    Gymnasium itself is not imported: it would double the time that ``lanewise --help`` takes. Its
+    plugins, which it loaded by itself, are gone since 1.0.
     """
+    sys.meta_path.insert(0, _Watch())
     if "gymnasium" in sys.modules:
         register()
-    else:
-        sys.meta_path.insert(0, _Watch())
 
 
 class _Watch(MetaPathFinder):
-    """Sees Gymnasium being imported, once; finding it is left to the others."""
+    """Registers whenever Gymnasium has been executed; finding it is left to the finders behind.
+
+    It remembers nothing and stays: Gymnasium may be looked for without being imported, fail to be
+    imported, or be imported anew.
+    """
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         if fullname != "gymnasium":
             return None
-        sys.meta_path.remove(self)
-        spec = importlib.util.find_spec(fullname)
+        behind = sys.meta_path[sys.meta_path.index(self) + 1 :]
+        found = (finder.find_spec(fullname, path, target) for finder in behind)
+        spec = next((spec for spec in found if spec is not None), None)
         if spec is None or spec.loader is None:
             return spec
         execute = spec.loader.exec_module

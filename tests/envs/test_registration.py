@@ -6,10 +6,49 @@ import sys
 import pytest
 
 MAKE = "print(gymnasium.make('lanewise/Trap-v0').observation_space.shape)"
+FIND = "importlib.util.find_spec('gymnasium')"
+FAIL = """
+class Failing:
+    def find_spec(self, name, path, target=None):
+        if name == "gymnasium.core":
+            sys.modules.pop("gymnasium.core", None)
+            raise ImportError("once")
+
+import sys, lanewise
+sys.meta_path.insert(0, Failing())
+try:
+    import gymnasium
+except ImportError:
+    sys.meta_path.pop(0)
+import gymnasium
+"""
+FORGET = """
+import sys, lanewise, gymnasium
+for name in [name for name in sys.modules if name.partition(".")[0] == "gymnasium"]:
+    del sys.modules[name]
+import gymnasium
+"""
+THREADS = """
+import importlib.util, threading, lanewise
+threads = [threading.Thread(target=importlib.util.find_spec, args=("gymnasium",)) for _ in range(8)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+import gymnasium
+"""
 ORDERS = {
     "lanewise first": f"import lanewise, gymnasium; {MAKE}",
     "gymnasium first": f"import gymnasium, lanewise; {MAKE}",
     "by its module": f"import gymnasium; {MAKE.replace('lanewise/', 'lanewise:lanewise/')}",
+    "looked for between": f"import importlib.util, lanewise; {FIND}; {FIND}; "
+    f"import gymnasium; {MAKE}",
+    "looked for by threads": f"{THREADS}\n{MAKE}",
+    "failed at first": f"{FAIL}\n{MAKE}",
+    "reloaded": f"import importlib, lanewise, gymnasium; importlib.reload(gymnasium); {MAKE}",
+    "imported anew": f"{FORGET}\n{MAKE}",
+    "lanewise twice": f"import sys, lanewise; sys.modules.pop('lanewise.registration'); "
+    f"sys.modules.pop('lanewise'); import lanewise, gymnasium; {MAKE}",
     "long after": f"import lanewise.cli, json; import gymnasium as gym; import gymnasium; {MAKE}",
 }
 

@@ -1,19 +1,26 @@
 """Environments of one world: what Gymnasium asks of them, seeds, endings, pictures."""
 
+import contextlib
+import copy
+import dataclasses
+import pickle
 import warnings
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.error import ResetNeeded
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordEpisodeStatistics, RecordVideo
 from imageio_ffmpeg import count_frames_and_secs
 
+import lanewise
+from lanewise import config
 from lanewise.driving import observation
 from lanewise.envs import keywords, single
 from lanewise.errors import LanewiseError, SettingsError
 from lanewise.registration import ENVIRONMENTS
+from lanewise.settings import Settings
 
 IDLE, FASTER = 4, 7
 FASTER_BY_ID = {
@@ -81,6 +88,37 @@ def test_an_episode_that_is_over_wants_a_reset(env):
     env.reset()
     with pytest.raises(ValueError, match="action must be in"):
         env.step(99)
+
+
+@pytest.mark.parametrize("name", [*ENVIRONMENTS])
+def test_a_closed_environment_says_so(name):
+    env = gymnasium.make(name, render_mode="rgb_array").unwrapped
+    env.reset(seed=0)
+    for _ in range(2):
+        env.close()
+    action = env.action_space.sample()
+    for call in (env.reset, env.render, lambda: env.step(action)):
+        with pytest.raises(ClosedEnvironmentError, match="closed; make a new one"):
+            call()
+
+
+@pytest.mark.parametrize("name", ["lanewise/Trap-v0", "lanewise/TrapHighwayEnv-v0"])
+@pytest.mark.parametrize(
+    "again", [copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
+)
+def test_a_copy_goes_its_own_way(name, again):
+    env = gymnasium.make(name, render_mode="rgb_array").unwrapped
+    env.reset(seed=1)
+    env.step(IDLE)
+    other = again(env)
+    ours = [env.step(action) for action in (5, 5, 7)]
+    theirs = [other.step(action) for action in (5, 5, 7)]
+    assert same(ours, theirs)
+    other.reset(seed=4)
+    env.step(IDLE)
+    assert env.reset()[1]["seed"] == 1
+    other.close()
+    env.step(IDLE)
 
 
 def test_time_runs_out_without_an_accident():
@@ -182,6 +220,59 @@ def test_render_modes_that_there_are_not():
         single.TrapEnv(render_mode="rgb")
 
 
+SHORT = """
+lanes lane_width speed_limit ego_driver ego_speed trap_speed training_ego_speed
+training_trap_speed training_lanes training_front_distance training_side_distance
+test_front_distance test_side_distance missing_target_speed vehicles_ahead vehicles_behind
+spacing spacing_jitter gap_behind simulation_frequency decision_frequency stopped_speed scaling
+x_range relative_speed_range perception_distance speed_weight steering_weight centring_weight
+accident_penalty validation_episodes validation_interval
+"""
+"""The last words that say by themselves what they are; whoever adds a setting judges its own."""
+
+
+def test_a_short_name_that_may_be_misread_is_refused():
+    accepted = set()
+    for full, value in config.flatten(Settings()).items():
+        last = full.rpartition(".")[2]
+        sections = [section.name for section in dataclasses.fields(Settings)]
+        with contextlib.suppress(SettingsError):
+            keywords.compose("quick", "trap-10", {last: value}, sections)
+            accepted.add(last)
+        section, _, rest = full.partition(".")
+        keywords.compose("quick", "trap-10", {section: {rest: value}}, sections)
+    assert accepted == set(SHORT.split())
+
+
+@pytest.mark.parametrize(
+    ("given", "full"),
+    [
+        ({"target_speed": 14.0}, "scenario.traffic.driver.target_speed"),
+        ({"driver": {"target_speed": 14.0}}, "scenario.traffic.driver.target_speed"),
+        ({"speed": 9.0}, "scenario.traffic.speed"),
+        ({"acceleration": 2.0}, "driving.actions.acceleration"),
+        ({"time_limit": 40.0}, "goals.time_limit"),
+        ({"speed_range": 20.0}, "driving.observation.speed_range"),
+    ],
+)
+def test_what_would_be_read_as_the_ego_s_is_given_in_full(given, full):
+    (name,) = given
+    for use in (
+        lambda: gymnasium.make("lanewise/Trap-v0", **given),
+        lambda: gymnasium.make_vec("lanewise/Trap-v0", 2, **given),
+        lambda: lanewise.evaluate(lambda seen: 4, **given),
+        lambda: lanewise.train("never", **given),
+    ):
+        with pytest.raises(SettingsError, match=rf'"{name}.*" alone .* {full}: give it in full'):
+            use()
+    value = given[name]
+    env = gymnasium.make("lanewise/Trap-v0", **{full: 9.5 if isinstance(value, dict) else value})
+    assert env.spec.id == "lanewise/Trap-v0"
+    traffic = {"traffic": {"speed": 9.0, "driver": {"target_speed": 14.0}}}
+    scenario = keywords.compose("quick", "trap-10", traffic).scenario
+    assert (scenario.traffic.speed, scenario.traffic.driver.target_speed) == (9.0, 14.0)
+
+
 def test_every_setting_has_a_full_name():
     assert keywords.compose("quick", "trap-10", {}).scenario.trap_speed == 10.0
 
@@ -191,6 +282,30 @@ def test_options_and_seeds_that_make_no_sense(env):
         env.unwrapped.reset(options={"stat": 1})
     with pytest.raises(LanewiseError, match="whole number from 0"):
         env.unwrapped.reset(options={"start": -1})
+
+
+@pytest.mark.parametrize(
+    ("seed", "options"),
+    [
+        *((seed, None) for seed in (-1, 2**32, 1.5, True, "7", [7])),
+        *((7, options) for options in ({"start": 2**31}, {"stat": 1}, "start")),
+    ],
+)
+def test_a_reset_that_is_refused_changes_nothing(seed, options):
+    env = gymnasium.make("lanewise/Trap-v0").unwrapped
+    env.reset(seed=1)
+    number = env.np_random.random()
+    with pytest.raises(LanewiseError):
+        env.reset(seed=seed, options=options)
+    info = env.reset()[1]
+    assert (info["seed"], info["start"]) == (1, 1)
+    env.reset(seed=1)
+    assert env.np_random.random() == number
+
+
+def test_a_seed_may_be_of_numpy():
+    env = gymnasium.make("lanewise/Trap-v0")
+    assert env.reset(seed=np.int64(7), options={"start": np.int32(2)})[1]["seed"] == 7
 
 
 def test_a_seed_of_32_bits_is_the_same_start_everywhere():

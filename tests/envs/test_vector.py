@@ -1,9 +1,12 @@
 """Many worlds in one call: equal to a loop of single ones, in each autoreset mode."""
 
+import copy
+import pickle
+
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.error import ResetNeeded
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
@@ -51,8 +54,25 @@ def alike(ours, theirs, place=""):
     ],
 )
 def test_equal_to_a_loop_of_single_ones(name, mode):
-    ours = gymnasium.make_vec(name, COUNT, autoreset_mode=mode, **SETTINGS)
-    theirs = SyncVectorEnv([lambda: gymnasium.make(name, **SETTINGS)] * COUNT, autoreset_mode=mode)
+    compare_with_a_loop(name, mode, SETTINGS)
+
+
+@pytest.mark.parametrize(
+    "mode",
+    [
+        AutoresetMode.NEXT_STEP,
+        AutoresetMode.SAME_STEP,
+        pytest.param(AutoresetMode.DISABLED, marks=pytest.mark.slow),
+    ],
+)
+def test_a_limit_of_steps_is_that_of_single_ones(mode):
+    assert compare_with_a_loop(IDS[0], mode, SETTINGS | {"max_episode_steps": 5}) > 60
+
+
+def compare_with_a_loop(name, mode, settings):
+    """Step by step; how many episodes ended."""
+    ours = gymnasium.make_vec(name, COUNT, autoreset_mode=mode, **settings)
+    theirs = SyncVectorEnv([lambda: gymnasium.make(name, **settings)] * COUNT, autoreset_mode=mode)
     assert ours.observation_space == theirs.observation_space
     assert ours.action_space == theirs.action_space
     assert ours.metadata["autoreset_mode"] is theirs.metadata["autoreset_mode"] is mode
@@ -72,6 +92,7 @@ def test_equal_to_a_loop_of_single_ones(name, mode):
             alike(again[0][0], again[1][0])
             alike({k: v[done] for k, v in again[0][1].items()}, _where(again[1][1], done))
     assert ended > COUNT
+    return ended
 
 
 def _where(info, done):
@@ -131,6 +152,55 @@ def test_pictures():
     assert not np.array_equal(one, other)
 
 
+@pytest.mark.parametrize("count", [np.int64(2), np.array([2])[0]])
+def test_numbers_may_be_of_numpy(count):
+    env = gymnasium.make_vec("lanewise/Trap-v0", count, trap_speed=np.float32(9.0))
+    assert (type(env.num_envs), env.num_envs, env.task.scenario.trap_speed) == (int, 2, 9.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"num_envs": 0}, "num_envs must be at least 1, got 0"),
+        ({"num_envs": True}, "num_envs: expected a whole number, got true"),
+        ({"num_envs": 2.0}, "num_envs: expected a whole number, got 2.0"),
+        ({"max_episode_steps": 0}, "max_episode_steps must be at least 1, got 0"),
+        ({"max_episode_steps": 2.5}, "max_episode_steps: expected a whole number, got 2.5"),
+    ],
+)
+def test_numbers_of_worlds_and_steps_that_make_no_sense(given, says):
+    with pytest.raises(SettingsError, match=says):
+        gymnasium.make_vec("lanewise/Trap-v0", **given)
+
+
+def test_a_closed_environment_says_so():
+    env = gymnasium.make_vec("lanewise/Trap-v0", COUNT, render_mode="rgb_array", **SETTINGS)
+    env.reset(seed=0)
+    for _ in range(2):
+        env.close()
+    for call in (env.reset, env.render, lambda: env.step([4] * COUNT)):
+        with pytest.raises(ClosedEnvironmentError, match="closed; make a new one"):
+            call()
+
+
+@pytest.mark.parametrize(
+    "again", [copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
+)
+def test_a_copy_goes_its_own_way(again):
+    env = gymnasium.make_vec("lanewise/Trap-v0", COUNT, max_episode_steps=4, **SETTINGS)
+    env.reset(seed=1)
+    env.step([4] * COUNT)
+    other = again(env)
+    other.reset(seed=9, options={"reset_mask": np.arange(COUNT) == 0})
+    ours = [env.step([4] * COUNT) for _ in range(4)]
+    theirs = [other.step([4] * COUNT) for _ in range(4)]
+    for one, two in zip(ours, theirs, strict=True):
+        assert np.array_equal(one[0][1:], two[0][1:])
+        assert not np.array_equal(one[0][0], two[0][0])
+    assert [np.flatnonzero(step[3]).tolist() for step in ours[2:]] == [list(range(COUNT)), []]
+    assert [np.flatnonzero(step[3]).tolist() for step in theirs[2:]] == [[*range(1, COUNT)], [0]]
+
+
 def test_mistakes():
     env = gymnasium.make_vec("lanewise/Trap-v0", COUNT, autoreset_mode="Disabled", **SETTINGS)
     idle = [4] * COUNT
@@ -161,11 +231,61 @@ def test_pictures_need_a_mode_and_an_episode():
         env.render()
 
 
+@pytest.fixture(scope="module")
+def seeded():
+    """Many worlds to be reset."""
+    return gymnasium.make_vec("lanewise/Trap-v0", COUNT, **SETTINGS)
+
+
+LAST = 2**32 - 1
+
+
 @pytest.mark.parametrize(
-    ("seeds", "says"),
-    [([1, 2, 3], "3 seeds for 2 environments"), ([1, -1], "must be between 0")],
+    ("given", "says"),
+    [
+        ({"seed": [1, 2, 3]}, "3 seeds for 6 environments"),
+        ({"seed": [9, 10, 11, 12, 13, -1]}, "must be a whole number between 0 and .*, got -1"),
+        ({"seed": [9, 10, 11, 12, 13, LAST + 1]}, "must be a whole number .*, got 4294967296"),
+        ({"seed": LAST - COUNT + 2}, "must be a whole number .*, got 4294967296"),
+        ({"seed": -1}, "got -1"),
+        ({"seed": [1.5, 2, 3, 4, 5, 6]}, "got 1.5"),
+        ({"seed": np.arange(6.0)}, "got 0.0"),
+        ({"seed": 3.0}, "got 3.0"),
+        ({"seed": [1, 2, 3, 4, 5, True]}, "got true"),
+        ({"seed": True}, "got true"),
+        ({"seed": "123456"}, 'got "123456"'),
+        ({"seed": ["1", 2, 3, 4, 5, 6]}, 'got "1"'),
+        ({"seed": {1, 2, 3, 4, 5, 6}}, "got {1, 2, 3, 4, 5, 6}"),
+        ({"seed": np.zeros((6, 2), int)}, r"got \[0, 0\]"),
+        ({"seed": 5, "options": {"begin": 3}}, "unknown option 'begin'"),
+        ({"seed": 5, "options": {"start": 1.0}}, "option start must be a whole number"),
+        ({"seed": 5, "options": {"start": True}}, "option start must be a whole number"),
+        ({"seed": 5, "options": 3}, "options: expected a mapping, got 3"),
+        ({"seed": 5, "options": {"reset_mask": [True, False]}}, "reset_mask must be"),
+        ({"seed": 5, "options": {"reset_mask": np.zeros(COUNT, bool)}}, "reset_mask must be"),
+    ],
 )
-def test_seeds_that_make_no_sense(seeds, says):
-    env = gymnasium.make_vec("lanewise/Trap-v0", 2, **SETTINGS)
-    with pytest.raises(LanewiseError, match=says):
-        env.reset(seed=seeds)
+def test_a_reset_that_is_refused_changes_nothing(seeded, given, says):
+    seeded.reset(seed=1)
+    with pytest.raises((LanewiseError, ValueError), match=says):
+        seeded.reset(**given)
+    info = seeded.reset()[1]
+    assert info["seed"].tolist() == list(range(1, 1 + COUNT))
+    assert info["start"].tolist() == [1] * COUNT
+
+
+def test_seeds_of_none_are_drawn_for_each_world_alone():
+    env = gymnasium.make_vec("lanewise/Trap-v0", COUNT, **SETTINGS)
+    observations, info = env.reset(seed=[None] * (COUNT - 1) + [7])
+    assert len(set(info["seed"])) == len(np.unique(observations, axis=0)) == COUNT
+    assert (info["seed"][-1], set(info["start"])) == (7, {0})
+    again = env.reset(seed=[3] + [None] * (COUNT - 1))[1]
+    assert again["seed"].tolist() == [3, *info["seed"][1:]]
+    assert again["start"].tolist() == [0] + [1] * (COUNT - 1)
+
+
+@pytest.mark.parametrize(
+    "seed", [np.arange(3, 3 + COUNT), tuple(range(3, 3 + COUNT)), np.int64(3), np.uint8(3)]
+)
+def test_seeds_may_be_of_numpy(seeded, seed):
+    assert seeded.reset(seed=seed)[1]["seed"].tolist() == list(range(3, 3 + COUNT))

@@ -2,8 +2,10 @@
 
 import dataclasses
 import subprocess
+import warnings
 
 import imageio_ffmpeg
+import jax
 import numpy as np
 import pytest
 from fabricate import make_recording
@@ -119,6 +121,29 @@ def test_mp4(tmp_path):
     still = tmp_path / "still.png"
     subprocess.run([*command, "-frames:v", "1", str(still)], check=True)
     assert Image.open(still).size == SMALL
+
+
+def test_an_mp4_forks_no_python_beside_the_threads_of_jax(tmp_path):
+    """JAX warns of the deadlock that a fork risks, and where it warns it is right."""
+    jax.devices()
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        clip.render(make_recording(seconds=0.5), tmp_path / "c.mp4", SMALL)
+    assert not [str(warning.message) for warning in said]
+
+
+@pytest.mark.parametrize("folder", ["a:b", "-f"])
+def test_an_mp4_anywhere(tmp_path, monkeypatch, folder):
+    monkeypatch.chdir(tmp_path)
+    clip.render(make_recording(seconds=0.5), f"{folder}/c.mp4", SMALL)
+    assert (tmp_path / folder / "c.mp4").stat().st_size > 1000
+
+
+def test_an_encoder_that_fails_at_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(imageio_ffmpeg, "get_ffmpeg_exe", lambda: "false")
+    with pytest.raises(LanewiseError, match="did not finish"):
+        clip.render(make_recording(seconds=1.0), tmp_path / "c.mp4", SMALL)
+    assert not list(tmp_path.iterdir())
 
 
 def test_one_frame_is_enough(tmp_path):

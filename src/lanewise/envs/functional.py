@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from lanewise import forked
 from lanewise.driving import episode, restart
 from lanewise.driving.episode import Episode
 from lanewise.driving.parts import OURS, Parts, checked
@@ -104,8 +105,10 @@ def make(
     """
     composed = keywords.compose(preset, trap, settings)
     look_up("split", split, dict.fromkeys(SPLITS))
+    if checked(parts).names():
+        forked.refuse()
     # Refuses what does not work.
-    checked(parts).try_out(composed.scenario, composed.driving)
+    parts.try_out(composed.scenario, composed.driving)
     frequency = composed.driving.decision_frequency
     if isinstance(duration, bool) or not isinstance(duration, int | float | np.number):
         raise SettingsError(f"duration: expected a number of seconds, got {str(duration)[:80]}")

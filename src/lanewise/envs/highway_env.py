@@ -1,7 +1,8 @@
 """The trap inside the real highway-env, with our observation, reward and endings."""
 
+from copy import deepcopy
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
@@ -28,15 +29,25 @@ class TrapHighwayEnv(TrapEnv):
 
     highway_env: Any = None
 
+    def __copy__(self) -> Self:
+        """A copy with an environment beneath of its own, as highway-env changes it in place."""
+        other = object.__new__(type(self))
+        other.__dict__ |= self.__dict__ | {"highway_env": deepcopy(self.highway_env)}
+        return other
+
     def close(self) -> None:
-        """Close the environment beneath."""
+        """Close the environment beneath too."""
+        super().close()
+        self._let_go()
+
+    def _let_go(self) -> None:
         if self.highway_env is not None:
             self.highway_env.close()
             self.highway_env = None
 
     def _begin(self, seed: int, index: int) -> Any:
-        self.close()
         world = jax.device_get(_start(self.task, jnp.uint32(seed), jnp.int32(index)))
+        self._let_go()
         self.highway_env = drive.live(self.task.rules.driving, world, self.task.rules.duration)
         self._state, row = _begun(self.task, drive.read(self.highway_env))
         return row

@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from lanewise import config
 from lanewise.errors import SettingsError, brief
 from lanewise.names import nearest
@@ -10,6 +12,11 @@ from lanewise.settings import Settings
 
 SECTIONS = ("scenario", "driving", "goals", "planner")
 """Of the settings, what an environment heeds."""
+NEEDED = (
+    *("traffic.driver", "traffic.speed", "traffic.first_gap", "actions", "observation.speed_range"),
+    *("goals", "planner", "search", "single_level"),
+)
+"""Without these words a setting's name would be read as the ego's, the episode's or another's."""
 
 
 def compose(
@@ -21,13 +28,15 @@ def compose(
         preset: a training preset; it says over which starts episodes vary.
         trap: a scenario preset.
         given: values by setting. A setting may be named in full (``"scenario.trap_speed"``), by
-            its last word where only one ends so (``trap_speed``), or within a mapping named like
-            its section (``scenario={"trap_speed": 10.9}``).
+            its last word where only one ends so and it cannot be misread (``trap_speed``), or
+            within a mapping named like its section (``scenario={"trap_speed": 10.9}``). NumPy's
+            numbers are taken too.
         sections: those whose settings may be given.
 
     Raises:
-        SettingsError: a name is unknown, or means several settings, or is given twice; or a value
-            has the wrong type, is out of range or contradicts another.
+        SettingsError: a name is unknown, or means several settings, or would be read as another's,
+            or is given twice; or a value has the wrong type, is out of range or contradicts
+            another.
     """
     known = [name for name in config.kinds() if name.partition(".")[0] in sections]
     flags: dict[str, object] = {}
@@ -35,8 +44,17 @@ def compose(
         setting = _resolve(name, known)
         if setting in flags:
             raise SettingsError(f"{setting} is given twice")
-        flags[setting] = value
+        flags[setting] = plain(value)
     return config.compose(preset, trap, flags=flags)
+
+
+def plain(value: Any) -> Any:
+    """NumPy's numbers and arrays as Python's, those of a list too; anything else as it is."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [plain(member) for member in value]
+    return value
 
 
 def _flat(
@@ -58,6 +76,7 @@ def _resolve(name: str, known: list[str]) -> str:
         return name
     ending = [option for option in known if option.endswith(f".{name}")]
     if len(ending) == 1:
+        _refuse_misread(name, ending[0])
         return ending[0]
     if ending:
         several = ", ".join(ending[:3]) + (", ..." if len(ending) > 3 else "")
@@ -66,3 +85,11 @@ def _resolve(name: str, known: list[str]) -> str:
         raise SettingsError(f"{name} is a section, not a setting; give it a mapping")
     hint = nearest(name, known) or "docs/settings.md lists all"
     raise SettingsError(f'unknown setting "{brief(name)}"; {hint}')
+
+
+def _refuse_misread(name: str, full: str) -> None:
+    for words in NEEDED:
+        if f".{words}." in f".{full}." and f".{words}." not in f".{name}.":
+            raise SettingsError(
+                f'"{name}" alone may be misread, it stands for {full}: give it in full'
+            )

@@ -12,12 +12,13 @@ import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gymnasium.error import ResetNeeded
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.spaces import Box
 from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
+from lanewise import forked
 from lanewise.envs import functional, rows, spaces
 from lanewise.envs.functional import State, Trap
 from lanewise.envs.starts import Starts
@@ -41,6 +42,7 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": 2}  # noqa: RUF012
     actions = "low-level"
     """As of `functional.make`."""
+    closed = False
 
     def __init__(self, *, render_mode: str | None = None, **settings: Any) -> None:
         """An environment to be reset.
@@ -58,7 +60,7 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
         self.metadata = metadata(self.task)
         self.action_space = spaces.of_actions(self.task)
         self.observation_space = spaces.of_observations(self.task)
-        self._starts = Starts(1)
+        self._starts = Starts.none(1)
         self._state: State | None = None
         self._info: Info = {}
         self._over = False
@@ -71,12 +73,18 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
         Args:
             seed: whose starts follow from now on; at first, without one, a random one's.
             options: ``{"start": i}`` for start i of the seed.
+
+        Raises:
+            LanewiseError: an option or a seed makes no sense; nothing has changed then.
+            ClosedEnvironmentError: after `close`.
         """
-        super().reset(seed=seed)
-        self._starts.turn(np.array([True]), seed, options)
-        observation, facts = rows.unpack(self._begin(*self._starts.first))
+        refuse_unusable(self.closed)
+        starts = self._starts.turned(np.array([True]), [seed], options)
+        observation, facts = rows.unpack(self._begin(*starts.first))
+        super().reset(seed=None if seed is None else starts.first[0])
+        self._starts = starts
         self._over = False
-        self._info = info(facts, self._starts)
+        self._info = info(facts, starts)
         return observation, self._info
 
     def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, Info]:
@@ -85,7 +93,9 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
         Raises:
             ResetNeeded: there is no episode under way.
             ValueError: there is no such action.
+            ClosedEnvironmentError: after `close`.
         """
+        refuse_unusable(self.closed)
         if self._state is None or self._over:
             raise ResetNeeded("the episode is over: call reset() before step()")
         observation, facts = rows.unpack(self._decide(checked(self.action_space, action)))
@@ -96,6 +106,7 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
 
     def render(self) -> Any:
         """The road from above, uint8 [240, 960, 3]; None without a render mode."""
+        refuse_unusable(self.closed)
         if self.render_mode is None:
             return None
         if self._state is None:
@@ -108,6 +119,10 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
             success=bool(self._info["is_success"]),
             accident=int(self._info["accident"]),
         )
+
+    def close(self) -> None:
+        """Nothing but a second `close` can follow."""
+        self.closed = True
 
     def _begin(self, seed: int, index: int) -> Any:
         """Start ``index`` of a seed; its row."""
@@ -154,6 +169,18 @@ def refuse_other(settings: Mapping[str, Any], render_mode: object) -> None:
         look_up("render_mode", render_mode, dict.fromkeys(RENDER_MODES))
 
 
+def refuse_unusable(closed: bool) -> None:
+    """Refuses to go on where that is no longer possible.
+
+    Raises:
+        ClosedEnvironmentError: the environment was closed.
+        LanewiseError: see `forked.refuse`.
+    """
+    if closed:
+        raise ClosedEnvironmentError("this environment is closed; make a new one")
+    forked.refuse()
+
+
 def metadata(task: Trap) -> dict[str, Any]:
     """Render modes, and frames a second at which a video runs in real time."""
     return {"render_modes": list(RENDER_MODES), "render_fps": task.rules.driving.decision_frequency}
@@ -186,7 +213,7 @@ def _reset(task: Trap, seed: Array, index: Array) -> tuple[State, Array]:
     return state, rows.pack(shown)
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=1)
+@partial(jax.jit, static_argnums=0)
 def _step(task: Trap, state: State, action: ArrayLike) -> tuple[State, Array]:
     """(state, row)."""
     state, shown = functional.step(task, state, action)

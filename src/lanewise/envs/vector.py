@@ -4,6 +4,7 @@ Environment i is the single environment reset with ``seed + i``, step by step, i
 Gymnasium's three autoreset modes.
 """
 
+import math
 from functools import partial
 from typing import Any
 
@@ -20,14 +21,16 @@ from numpy.typing import NDArray
 from lanewise.driving import restart
 from lanewise.envs import functional, rows, single, spaces
 from lanewise.envs.functional import State, Trap
-from lanewise.envs.starts import Starts
-from lanewise.errors import SettingsError
+from lanewise.envs.keywords import plain
+from lanewise.envs.starts import Starts, mapping
 from lanewise.names import look_up
+from lanewise.ranges import Between, Kind
 from lanewise.scenario import trap
 
 Booleans = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Info = dict[str, Any]
+COUNT = Kind(int, None, Between(1))
 
 
 class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
@@ -47,6 +50,7 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
         *,
         render_mode: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
         **settings: Any,
     ) -> None:
         """Environments to be reset.
@@ -56,14 +60,19 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
             render_mode: None, or ``rgb_array`` for pictures by `render`.
             autoreset_mode: when an environment whose episode ended restarts itself: with the next
                 step, which then heeds no action and pays nothing; in the same; or not at all.
+            max_episode_steps: as of ``gymnasium.make``: an episode of so many steps is truncated,
+                if it has not ended before; None or -1: only by its duration.
             settings: as of `lanewise.envs.functional.make`.
 
         Raises:
             SettingsError: a name or a value is wrong.
         """
         super().__init__()
-        if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
-            raise SettingsError(f"num_envs must be a whole number from 1 on, got {num_envs!r}")
+        num_envs = COUNT.check("num_envs", plain(num_envs))
+        limited = max_episode_steps not in (None, -1)
+        self._limit = (
+            COUNT.check("max_episode_steps", plain(max_episode_steps)) if limited else math.inf
+        )
         single.refuse_other(settings, render_mode)
         modes = {mode.value: mode for mode in AutoresetMode}
         given = (
@@ -78,11 +87,12 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
         self.single_observation_space = spaces.of_observations(self.task)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._starts = Starts(num_envs)
+        self._starts = Starts.none(num_envs)
         self._states: State | None = None
         self._observations = np.zeros(self.observation_space.shape or (), np.float32)
         self._info: Info = {}
         self._over = np.zeros(num_envs, np.bool_)
+        self._steps = np.zeros(num_envs, np.int64)
 
     def reset(
         self, *, seed: Any = None, options: dict[str, Any] | None = None
@@ -92,23 +102,32 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
         Args:
             seed: environment i takes ``seed + i``, or its own of a list; None: the next starts.
             options: ``{"reset_mask": bool [W]}`` to reset some only, ``{"start": i}`` for start i.
+
+        Raises:
+            LanewiseError: an option or a seed makes no sense; nothing has changed then.
+            ResetNeeded: the first reset has a mask.
+            ValueError: there is no such mask.
+            ClosedEnvironmentError: after `close`.
         """
-        super().reset(seed=seed if isinstance(seed, int) else None)
-        others = dict(options or {})
+        single.refuse_unusable(self.closed)
+        others = mapping(options)
         which = self._mask(others.pop("reset_mask", None))
         if self._states is None and not which.all():
             raise ResetNeeded("the first reset() is of all environments, without a reset_mask")
-        self._starts.turn(which, seed, others)
+        starts = self._starts.turned(which, seed, others)
         if self._states is None or which.all():
-            self._states, found = _reset(self.task, self._starts.seeds, self._starts.indices)
+            states, found = _reset(self.task, starts.seeds, starts.indices)
         else:
-            self._states, found = _reset_some(
-                self.task, self._states, self._starts.seeds, self._starts.indices, which
+            states, found = _reset_some(
+                self.task, self._states, starts.seeds, starts.indices, which
             )
+        super().reset(seed=None if seed is None else starts.first[0])
+        self._states, self._starts = states, starts
         observations, facts = rows.unpack(found)
-        self._observations[which] = observations[which]
-        self._over[which] = False
-        self._info = _info(facts, self._starts, which)
+        self._observations = np.where(which[:, None], observations, self._observations)
+        self._over = self._over & ~which
+        self._steps = np.where(which, 0, self._steps)
+        self._info = _info(facts, starts, which)
         return self._observations.copy(), self._info
 
     def step(self, actions: Any) -> tuple[NDArray[np.float32], Floats, Booleans, Booleans, Info]:
@@ -117,34 +136,39 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
         Raises:
             ResetNeeded: there was no reset, or, without autoreset, an episode is over.
             ValueError: an action does not exist.
+            ClosedEnvironmentError: after `close`.
         """
+        single.refuse_unusable(self.closed)
         if self._states is None or (self.mode is AutoresetMode.DISABLED and self._over.any()):
             raise ResetNeeded(
                 "an episode is over: call reset() before step(), or "
                 'reset(options={"reset_mask": ...}) for some of the environments'
             )
         given = self._checked(actions)
-        seeds, following = self._starts.seeds, self._starts.indices + 1
+        steps = np.where(self._over, 0, self._steps + 1)
+        late = steps >= self._limit
+        at_once = self.mode is AutoresetMode.SAME_STEP
+        before = self._starts
         restarts = {
             AutoresetMode.NEXT_STEP: _step_or_restart,
             AutoresetMode.SAME_STEP: _step_and_restart,
             AutoresetMode.DISABLED: _step,
         }
         self._states, found, last = restarts[self.mode](
-            self.task, self._states, given, seeds, following, self._over
+            *(self.task, self._states, given, before.seeds, before.indices + 1),
+            late if at_once else self._over,
         )
         self._observations, facts = rows.unpack(found)
+        facts["truncated"] |= late
         done = facts["terminated"] | facts["truncated"]
-        before = self._starts.copy()
-        if self.mode is AutoresetMode.NEXT_STEP:
-            self._starts.following(self._over)
-        elif self.mode is AutoresetMode.SAME_STEP:
-            self._starts.following(done)
-        everyone = np.ones(self.num_envs, np.bool_)
-        self._info = _info(facts, self._starts, everyone)
-        if self.mode is AutoresetMode.SAME_STEP and done.any():
+        # Without autoreset none is over: the step would have been refused.
+        again = done if at_once else self._over
+        self._starts = before.following(again)
+        self._steps = np.where(again, 0, steps)
+        self._over = done & ~again
+        self._info = _info(facts, self._starts, np.ones(self.num_envs, np.bool_))
+        if at_once and done.any():
             self._info |= _final(last, before, done)
-        self._over = done
         return (
             self._observations.copy(),
             facts["reward"],
@@ -155,6 +179,7 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
 
     def render(self) -> Any:
         """A picture of each environment, see `TrapEnv.render`; None without a render mode."""
+        single.refuse_unusable(self.closed)
         if self.render_mode is None:
             return None
         if self._states is None:
@@ -269,7 +294,7 @@ def _reset(task: Trap, seeds: Array, indices: Array) -> tuple[State, Array]:
     return _fresh(task, seeds, indices)
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=1)
+@partial(jax.jit, static_argnums=0)
 def _reset_some(
     task: Trap, states: State, seeds: Array, indices: Array, which: Array
 ) -> tuple[State, Array]:
@@ -281,7 +306,7 @@ Stepped = tuple[State, Array, Array]
 """(states, rows to be shown, rows of the step itself)."""
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=1)
+@partial(jax.jit, static_argnums=0)
 def _step(
     task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
 ) -> Stepped:
@@ -290,7 +315,7 @@ def _step(
     return states, found, found
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=1)
+@partial(jax.jit, static_argnums=0)
 def _step_or_restart(
     task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
 ) -> Stepped:
@@ -300,15 +325,18 @@ def _step_or_restart(
     return states, shown, found
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=1)
+@partial(jax.jit, static_argnums=0)
 def _step_and_restart(
     task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
 ) -> Stepped:
-    """Restarts where the step ended the episode; its reward and its ending are still told."""
+    """Restarts where the step ended the episode, or too many steps did: those are ``over``.
+
+    The step's reward and ending are still told.
+    """
     states, found = _stepped(task, states, actions)
     # Reward, terminated and truncated; what stands behind them is the fresh episode's.
     told = slice(-len(rows.FACTS), -len(rows.INFO))
     _, terminated, truncated = found[:, told].T
-    ended = (terminated + truncated) > 0
+    ended = ((terminated + truncated) > 0) | over
     states, shown = _where(task, ended, states, found, seeds, following)
     return states, shown.at[:, told].set(found[:, told]), found

@@ -1,8 +1,10 @@
 """A recording as a clip (GIF or MP4), or some of its moments as one picture (PNG)."""
 
+import subprocess
 from collections.abc import Iterator, Sequence
-from itertools import chain
+from contextlib import suppress
 from pathlib import Path
+from typing import IO, cast
 
 import numpy as np
 
@@ -120,24 +122,48 @@ def _mp4(recording: Recording, path: Path, size: tuple[int, int]) -> None:
         import imageio_ffmpeg
 
     try:
-        imageio_ffmpeg.get_ffmpeg_exe()
+        ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
     except RuntimeError as error:
         raise LanewiseError("there is no ffmpeg for an MP4 clip; write a .gif instead") from error
-    # yuv420 halves the colour resolution, hence even sizes; 2 keeps ours as it is.
-    writer = imageio_ffmpeg.write_frames(
-        str(path), size, fps=FRAME_RATE, quality=8, macro_block_size=2, ffmpeg_log_level="quiet"
-    )
-    sent = -1  # the first thing sent only starts the encoder
+    # So that no name is taken for an option or a protocol.
+    place = f"file:{path}"
+    sent = _encode(ffmpeg, _frames(recording, size), place, size)
+    # An encoder that runs out of room while finishing may well call that a success.
     try:
-        for image in chain((None,), _frames(recording, size)):
-            writer.send(None if image is None else image.tobytes())
-            sent += 1
-    finally:
-        writer.close()
-    # An encoder that runs out of room while finishing raises nothing.
-    try:
-        stored, _ = imageio_ffmpeg.count_frames_and_secs(str(path))
+        stored, _ = imageio_ffmpeg.count_frames_and_secs(place)
     except RuntimeError:
         stored = 0
-    if stored != sent:
+    if not sent or stored != sent:
         raise OSError("the video encoder did not finish; is there room on the disk?")
+
+
+def _encode(ffmpeg: str, frames: Iterator[Image.Image], place: str, size: tuple[int, int]) -> int:
+    """Hand frames to an ffmpeg; how many it made a video of, 0 if it failed.
+
+    imageio-ffmpeg's own writer has Python run in the new process before it becomes ffmpeg, to give
+    it a process group. A copy of a process with threads, such as JAX's, may wait there for ever.
+    ``process_group`` does the same without Python, so that nothing can wait.
+    """
+    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}"]
+    # yuv420 is what all players know; it halves the colour resolution, hence even sizes.
+    wanted = ["-vcodec", "h264", "-crf", "10", "-pix_fmt", "yuv420p"]
+    process = subprocess.Popen(
+        [ffmpeg, "-y", "-v", "quiet", *raw, "-r", str(FRAME_RATE), "-i", "-", *wanted, place],
+        stdin=subprocess.PIPE,
+        process_group=0,  # Ctrl-C is for this process alone.
+    )
+    stdin = cast("IO[bytes]", process.stdin)
+    sent = 0
+    try:
+        with suppress(BrokenPipeError):  # It has stopped, as its status tells.
+            for image in frames:
+                stdin.write(image.tobytes())
+                sent += 1
+    except BaseException:
+        process.kill()
+        raise
+    finally:
+        with suppress(OSError):
+            stdin.close()
+        process.wait()
+    return 0 if process.returncode else sent
