@@ -1,0 +1,163 @@
+from dataclasses import replace
+
+import jax
+import numpy as np
+import parity_names
+import pytest
+from parity_compare import errors_of
+from parity_environments import UNREPRESENTED, draw
+from parity_live import at, commanded, compare, drive, follow
+from parity_states import fit, paper_traffic
+
+import parity
+from lanewise.errors import SettingsError
+from lanewise.interop.highway_env import build_env, read_world
+
+ROOM, LANES = 16, 8
+"""One compiled size for all tests here."""
+
+
+def rows(numbers, seconds, most):
+    return [compare(0, number, seconds, ROOM, most) for number in numbers]
+
+
+def faulty(rows):
+    return [row for row in rows if not row["expected"] or row.get("unexplained")]
+
+
+def test_a_few_live_environments():
+    assert faulty(rows((3, 7, 19, 31, 38), 3.0, 8)) == []
+
+
+@pytest.mark.slow
+def test_many_live_environments():
+    compared = rows(range(100), 10.0, 12)
+    assert faulty(compared) == []
+    assert {name for row in compared for name in row.get("names", ())} != set()
+
+
+@pytest.mark.parametrize("name", UNREPRESENTED)
+def test_what_is_not_represented_is_refused(name):
+    with pytest.raises(SettingsError):
+        read_world(UNREPRESENTED[name]())
+
+
+def test_every_rate_and_every_number_of_lanes_is_drawn():
+    drawn = [draw(0, number) for number in range(330)]
+    compared = [one for one in drawn if one.unread is None]
+    assert len(compared) >= 300
+    assert {one.unread for one in drawn} == {None, *UNREPRESENTED}
+    assert len({(one.rate, one.lanes) for one in compared}) == 88
+    assert {one.controlled for one in compared} == {1, 2, 3, 4}
+    assert min(one.others for one in compared) == 0
+    assert max(one.others for one in compared) == 80
+
+
+@pytest.fixture(scope="module")
+def driven():
+    """Two seconds of traffic behind a trap."""
+    with jax.enable_x64(True):
+        return drive(build_env(paper_traffic(np.random.default_rng(1))), 2.0)
+
+
+def test_what_is_read_and_does_not_drive_alike_has_no_name(driven):
+    drivers = driven.start.drivers
+    other = replace(drivers, time_gap=drivers.time_gap + 0.1)
+    wrong = replace(driven, start=replace(driven.start, drivers=other))
+    found, _ = follow(wrong, ROOM)
+    assert [difference.names for difference in found] == [(None,)] * len(driven.number)
+
+
+def one_tick_apart(driven, change):
+    """The name of a difference that a change of ours makes after rounding of earlier ticks."""
+    wanted = at(driven.vehicles, 1)
+    errors = errors_of(change(wanted), wanted, driven.start.drivers.kind == 2)
+    world = commanded(driven, 0, fit(driven.start, ROOM, LANES))
+    return parity_names.name(world, wanted, errors, 1e-9, driven.rate)
+
+
+def test_rounding_that_has_grown_is_named_by_where_it_grew(driven):
+    def moved(vehicles):
+        return replace(vehicles, x=vehicles.x + 2e-6)
+
+    def hit(vehicles):
+        return replace(vehicles, impacted=~vehicles.impacted)
+
+    assert one_tick_apart(driven, moved) == ("amplified-rounding",)
+    assert one_tick_apart(driven, hit) == ("amplified-rounding",)
+
+
+def threshold(decides):
+    """The threshold of MOBIL below which a driver changes lanes."""
+    low, high = -50.0, 50.0
+    for _ in range(70):
+        middle = (low + high) / 2
+        low, high = (middle, high) if decides(middle) else (low, middle)
+    return low
+
+
+def test_a_gain_within_its_rounding_of_the_threshold_is_named():
+    """A driver gets past a slow car, and its old rear vehicle is the ego."""
+    start = paper_traffic(np.random.default_rng(1))
+    kind = np.where(np.arange(12) == 1, 2, 0).astype(np.int32)
+    vehicles = replace(
+        start.vehicles,
+        x=np.array([0.0, 30.3, 52.0, *(1e3 + 50 * np.arange(9))]),
+        y=np.zeros(12),
+        speed=np.where(np.arange(12) == 2, 8.0, 12.3),
+        target_lane=np.zeros(12, np.int32),
+        timer=np.full(12, 1.5),
+    )
+    drivers = replace(start.drivers, kind=kind, target_speed=np.where(kind == 2, 12.5, 0.0))
+
+    def with_gain(gain):
+        return replace(start, vehicles=vehicles, drivers=replace(drivers, minimum_gain=gain))
+
+    def after(gain):
+        env = build_env(with_gain(np.full(12, gain)))
+        env.road.act()
+        env.road.step(0.1)
+        return read_world(env).vehicles
+
+    def ours(gain):
+        world = fit(with_gain(np.full(12, gain)), ROOM, LANES)
+        vehicles = parity_names.one_tick(parity_names.stack([world] * tried), 0.1)
+        return int(vehicles.target_lane[0, 1]) == 1
+
+    tried = 3 + parity_names.NUDGES
+    apart = (threshold(ours) + threshold(lambda gain: int(after(gain).target_lane[1]) == 1)) / 2
+    world = fit(with_gain(np.full(12, apart)), ROOM, LANES)
+    wanted = after(apart)
+    errors = errors_of(wanted, wanted, kind == 2)
+    assert parity_names.name(world, wanted, errors, 0.0, 10) == ("cancelled-free-road-term",)
+
+
+def test_a_campaign_goes_on_from_what_is_done(tmp_path):
+    path, task = tmp_path / "parity.partial", ("live_environments", 0, 3)
+    parity.Done(path, {"state": "a"}).add(task, {"expected": True, "names": ("wreck-flags",)})
+    assert parity.Done(path, {"state": "a"}).parts == {
+        task: {"expected": True, "names": ["wreck-flags"]}
+    }
+    assert parity.Done(path, {"state": "b"}).parts == {}
+
+
+def test_what_fails_a_campaign():
+    parts = [
+        {"exceptions": []},
+        {"exceptions": [{}]},
+        {"expected": True, "unexplained": []},
+        {"expected": True, "unexplained": [{}]},
+        {"expected": False, "refused": "a route"},
+    ]
+    assert parity.faults(dict(enumerate(parts))) == 3
+
+
+def test_the_result_names_every_difference():
+    row = {"number": 1, "names": {"wreck-flags": 2}, "examples": {"wreck-flags": {"tick": 3}}}
+    assert parity.named([row, row | {"number": 2}]) == {
+        "wreck-flags": {
+            "differences": 4,
+            "configurations": 2,
+            "example": {"number": 1, "tick": 3},
+        }
+    }
