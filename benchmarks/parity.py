@@ -48,7 +48,17 @@ BATCH = 40
 DEPENDS_ON = ("benchmarks", "src/lanewise/world", "src/lanewise/interop")
 STORED_EXCEPTIONS = 10
 """Differences without a name that are stored; all are counted."""
-COLUMNS = ("number", "rate", "lanes", "others", "controlled", "ticks", "ticks_equal", "largest")
+COLUMNS = (
+    "number",
+    "rate",
+    "lanes",
+    "others",
+    "controlled",
+    "ticks",
+    "ticks_equal",
+    "largest",
+    "wreck_flags",
+)
 """Stored of every configuration that was compared; its number and the seed make it again."""
 
 SHOWN = (
@@ -174,6 +184,10 @@ def summarise_live(rows, seconds):
         "tolerance": RUN_TOLERANCE,
         "largest_error_while_equal": max((row["largest"] for row in read), default=0.0),
         "without_any_difference": sum(row["ticks_equal"] == row["ticks"] for row in read),
+        "wreck_flags": {
+            "vehicle_ticks": sum(row["wreck_flags"] for row in read),
+            "configurations": sum(row["wreck_flags"] > 0 for row in read),
+        },
         "named": named(read),
         "refused": {row["unread"]: row["refused"] for row in refused},
         "drawn": {

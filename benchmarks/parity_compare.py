@@ -58,6 +58,25 @@ def errors_of(vehicles, reference, rule_based):
     return errors
 
 
+def wreck_flags(vehicles, reference):
+    """Which vehicles only one of the worlds pushes, by nothing, bool [..., n].
+
+    Wrecks that were pushed apart touch but for rounding, so whether they are pushed once more is
+    chance; it matters to nobody, as they have crashed already (`wreck-flags`).
+    """
+    push_x, push_y = vehicles.impact_x - reference.impact_x, vehicles.impact_y - reference.impact_y
+    nothing = np.maximum(np.abs(push_x), np.abs(push_y)) <= RUN_TOLERANCE
+    wrecks = vehicles.crashed & reference.crashed
+    return (vehicles.impacted != reference.impacted) & wrecks & nothing
+
+
+def errors_but_flags(vehicles, reference, rule_based):
+    """As `errors_of`, but for `wreck_flags`."""
+    errors = errors_of(vehicles, reference, rule_based)
+    flags = wreck_flags(vehicles, reference)
+    return errors | {"impacted": np.where(flags, 0.0, errors["impacted"])}
+
+
 def agree(errors, tolerance):
     """Which vehicles are within tolerance, bool [..., n]; not-a-number is outside."""
     return np.all([error <= tolerance for error in errors.values()], axis=0)

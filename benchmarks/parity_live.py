@@ -10,9 +10,10 @@ from parity_compare import (
     RUN_TOLERANCE,
     agree,
     as_json,
-    errors_of,
+    errors_but_flags,
     minimised,
     tick_by_tick,
+    wreck_flags,
 )
 from parity_environments import CONTROLLED_MAX, LANES_MAX, OTHERS_MAX, draw, make
 from parity_names import name
@@ -109,7 +110,8 @@ def follow(driven, room=ROOM):
         room: vehicles of the compiled program.
 
     Returns:
-        The differences, and the largest error of each number while the worlds agreed.
+        The differences, the largest error of each number while the worlds agreed, and at how many
+        vehicles and ticks `wreck_flags` differed.
     """
     count, ticks = driven.start.vehicles.x.shape[0], len(driven.number)
     rule_based = driven.start.drivers.kind == RULE_BASED
@@ -119,7 +121,7 @@ def follow(driven, room=ROOM):
         world = World(driven.start.road, driven.start.drivers, at(driven.vehicles, tick))
         return fit(world, room, LANES_MAX)
 
-    found, largest = [], dict.fromkeys(CONTINUOUS, 0.0)
+    found, largest, flags = [], dict.fromkeys(CONTINUOUS, 0.0), 0
     now, before, tick, equal_at = padded.vehicles, None, 0, 0
     while tick < ticks:
         frames = tick_by_tick(
@@ -128,9 +130,10 @@ def follow(driven, room=ROOM):
         frames = jax.tree.map(np.asarray, frames)
         wanted = at(driven.vehicles, slice(tick + 1, tick + 1 + CHUNK))
         ours = jax.tree.map(lambda a, w=wanted: a[: len(w.x), :count], frames)
-        errors = errors_of(ours, wanted, rule_based)
+        errors = errors_but_flags(ours, wanted, rule_based)
         agreed = agree(errors, RUN_TOLERANCE).all(-1)
         good = len(agreed) if agreed.all() else int(agreed.argmin())
+        flags += int(wreck_flags(ours, wanted)[:good].sum())
         for each in CONTINUOUS:
             largest[each] = max(largest[each], float(errors[each][:good].max(initial=0.0)))
         if good == len(agreed):
@@ -144,7 +147,7 @@ def follow(driven, room=ROOM):
         )
         tick += 1
         now, before, equal_at = synchronised(tick).vehicles, None, tick
-    return found, largest
+    return found, largest, flags
 
 
 def _commands(driven, tick):
@@ -172,11 +175,11 @@ def _difference(driven, tick, equal_at, world, before, ours):
     """Name the difference that the tick from ``tick`` made."""
     rule_based = driven.start.drivers.kind == RULE_BASED
     wanted = at(driven.vehicles, tick + 1)
-    errors = errors_of(ours, wanted, rule_based)
+    errors = errors_but_flags(ours, wanted, rule_based)
     wrong = ~agree(errors, RUN_TOLERANCE)
     drift = 0.0
     if before is not None:
-        drift = _size(errors_of(before, at(driven.vehicles, tick), rule_based))
+        drift = _size(errors_but_flags(before, at(driven.vehicles, tick), rule_based))
     names = name(commanded(driven, tick, world), wanted, errors, drift, driven.rate)
     return Difference(
         tick=tick,
@@ -209,7 +212,7 @@ def compare(seed, number, seconds, room=ROOM, most=OTHERS_MAX):
         return row | {"refused": str(error), "expected": configuration.unread is not None}
     if configuration.unread is not None:
         return row | {"refused": None, "expected": False}
-    differences, largest = follow(driven, room)
+    differences, largest, flags = follow(driven, room)
     counts = Counter(each for found in differences for each in found.names)
     unexplained = [found for found in differences if None in found.names]
     return row | {
@@ -217,6 +220,7 @@ def compare(seed, number, seconds, room=ROOM, most=OTHERS_MAX):
         "ticks": len(driven.number),
         "ticks_equal": differences[0].tick if differences else len(driven.number),
         "largest": max(largest.values()),
+        "wreck_flags": flags,
         "names": {each: count for each, count in counts.items() if each is not None},
         "examples": _examples(differences),
         "unexplained": [asdict(found) for found in unexplained],

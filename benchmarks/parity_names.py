@@ -15,7 +15,7 @@ from parity_compare import (
     RUN_TOLERANCE,
     STATE_TOLERANCE,
     agree,
-    errors_of,
+    errors_but_flags,
     one_tick,
     stack,
 )
@@ -53,7 +53,7 @@ def name(world, wanted, errors, drift, rate):
     variants = [world, *_other_thresholds(world), *_nudged(world)]
     after = jax.tree.map(np.asarray, one_tick(stack(variants), 1 / rate))
     after = jax.tree.map(lambda values: values[:, :count], after)
-    close = errors_of(after, wanted, rule_based)
+    close = errors_but_flags(after, wanted, rule_based)
     exact = agree({n: error[0] for n, error in close.items()}, STATE_TOLERANCE)
     if exact.all() and drift > 0:
         return (_of_drift(world, errors),)
@@ -73,8 +73,6 @@ def _of_drift(world, errors):
     wrong = {n: np.flatnonzero(~(e <= RUN_TOLERANCE)) for n, e in errors.items()}
     wrong = {n: where for n, where in wrong.items() if where.size}
     vehicles, everywhere = world.vehicles, np.unique(np.concatenate(list(wrong.values())))
-    if set(wrong) <= set(PUSHES) - {"crashed"} and vehicles.crashed[everywhere].all():
-        return "wreck-flags"
     decided = set(wrong) & set(DECISIONS)
     speeds = np.abs(vehicles.speed)
     hurried = wrong.get("acceleration", np.array([], int))

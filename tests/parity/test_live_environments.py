@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import parity_names
 import pytest
-from parity_compare import errors_of
+from parity_compare import errors_but_flags, errors_of
 from parity_environments import UNREPRESENTED, draw
 from parity_live import at, commanded, compare, drive, follow
 from parity_states import fit, paper_traffic
@@ -64,7 +64,7 @@ def test_what_is_read_and_does_not_drive_alike_has_no_name(driven):
     drivers = driven.start.drivers
     other = replace(drivers, time_gap=drivers.time_gap + 0.1)
     wrong = replace(driven, start=replace(driven.start, drivers=other))
-    found, _ = follow(wrong, ROOM)
+    found, *_ = follow(wrong, ROOM)
     assert [difference.names for difference in found] == [(None,)] * len(driven.number)
 
 
@@ -85,6 +85,20 @@ def test_rounding_that_has_grown_is_named_by_where_it_grew(driven):
 
     assert one_tick_apart(driven, moved) == ("amplified-rounding",)
     assert one_tick_apart(driven, hit) == ("amplified-rounding",)
+
+
+@pytest.mark.parametrize(
+    ("crashed", "push", "counts"),
+    [(True, 1e-12, False), (False, 1e-12, True), (True, 1e-3, True)],
+)
+def test_only_an_empty_push_of_a_wreck_is_no_difference(driven, crashed, push, counts):
+    vehicles = at(driven.vehicles, 0)
+    vehicles = replace(vehicles, crashed=np.full_like(vehicles.crashed, crashed))
+    pushed = replace(
+        vehicles, impacted=np.ones_like(vehicles.impacted), impact_x=vehicles.impact_x + push
+    )
+    errors = errors_but_flags(pushed, vehicles, driven.start.drivers.kind == 2)
+    assert (errors["impacted"] > 0).all() == counts
 
 
 def threshold(decides):
@@ -134,9 +148,11 @@ def test_a_gain_within_its_rounding_of_the_threshold_is_named():
 
 def test_a_campaign_goes_on_from_what_is_done(tmp_path):
     path, task = tmp_path / "parity.partial", ("live_environments", 0, 3)
-    parity.Done(path, {"state": "a"}).add(task, {"expected": True, "names": ("wreck-flags",)})
+    parity.Done(path, {"state": "a"}).add(
+        task, {"expected": True, "names": ("amplified-rounding",)}
+    )
     assert parity.Done(path, {"state": "a"}).parts == {
-        task: {"expected": True, "names": ["wreck-flags"]}
+        task: {"expected": True, "names": ["amplified-rounding"]}
     }
     assert parity.Done(path, {"state": "b"}).parts == {}
 
@@ -153,9 +169,13 @@ def test_what_fails_a_campaign():
 
 
 def test_the_result_names_every_difference():
-    row = {"number": 1, "names": {"wreck-flags": 2}, "examples": {"wreck-flags": {"tick": 3}}}
+    row = {
+        "number": 1,
+        "names": {"amplified-rounding": 2},
+        "examples": {"amplified-rounding": {"tick": 3}},
+    }
     assert parity.named([row, row | {"number": 2}]) == {
-        "wreck-flags": {
+        "amplified-rounding": {
             "differences": 4,
             "configurations": 2,
             "example": {"number": 1, "tick": 3},
