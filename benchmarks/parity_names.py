@@ -73,7 +73,7 @@ def _of_drift(world, errors):
     wrong = {n: np.flatnonzero(~(e <= RUN_TOLERANCE)) for n, e in errors.items()}
     wrong = {n: where for n, where in wrong.items() if where.size}
     vehicles, everywhere = world.vehicles, np.unique(np.concatenate(list(wrong.values())))
-    decided = set(wrong) & set(DECISIONS)
+    decided = set(wrong) & {*DECISIONS, *PUSHES}
     speeds = np.abs(vehicles.speed)
     hurried = wrong.get("acceleration", np.array([], int))
     if hurried.size and (np.abs(speeds[hurried] - TOP_SPEED) <= RUN_TOLERANCE).all():
