@@ -109,13 +109,14 @@ def gain_bound(world):
     """
     vehicles, drivers, road = world.vehicles, world.drivers, world.road
     distance = np.abs(vehicles.y[:, None] - road.centre)
-    lane = np.where(road.present, distance, np.inf).argmin(1)
-    target = np.abs(np.clip(drivers.target_speed, 0, road.speed_limit[lane]))
+    limit = road.speed_limit[np.where(road.present, distance, np.inf).argmin(1)]
+    lowest = np.where(np.isinf(limit), -np.inf, 0)
+    target = np.abs(np.clip(drivers.target_speed, lowest, limit))
     effort = np.maximum(vehicles.speed, 0) / np.maximum(target, SMALLEST)
-    effort = np.where(vehicles.present, effort, 0)
-    others = drivers.politeness * effort.max() ** drivers.exponent
-    own = effort**drivers.exponent
-    return 4 * EPSILON * drivers.comfort_acceleration * (own + others) + STATE_TOLERANCE
+    behind = vehicles.present & (vehicles.x < vehicles.x[:, None])
+    fastest = np.where(behind, effort, 0).max(1)
+    terms = effort**drivers.exponent + drivers.politeness * fastest**drivers.exponent
+    return 4 * EPSILON * drivers.comfort_acceleration * terms + STATE_TOLERANCE
 
 
 def _other_thresholds(world):
