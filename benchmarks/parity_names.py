@@ -55,16 +55,16 @@ def name(world, wanted, errors, drift, rate):
     after = jax.tree.map(lambda values: values[:, :count], after)
     close = errors_but_flags(after, wanted, rule_based)
     exact = agree({n: error[0] for n, error in close.items()}, STATE_TOLERANCE)
-    if exact.all() and drift > 0:
-        return (_of_drift(world, errors),)
     alike = agree(close, RUN_TOLERANCE)
-    last = 1 + len(_other_thresholds(world))
-    wrong = ~exact if not exact.all() else ~agree(errors, RUN_TOLERANCE)
-    alike_thresholds, alike_nudged = alike[1:last].any(0), alike[last:].any(0)
+    thresholds, nudged = np.split(alike[1:], [len(alike) - 1 - NUDGES])
+    wrong = ~agree(errors, RUN_TOLERANCE)
+    drifted = wrong & exact & (drift > 0)
     names = set()
-    for vehicle in np.flatnonzero(wrong):
+    if drifted.any():
+        names.add(_of_drift(world, {n: np.where(drifted, e, 0) for n, e in errors.items()}))
+    for vehicle in np.flatnonzero((wrong | ~exact) & ~drifted):
         fields = {n for n, e in close.items() if not e[0, vehicle] <= STATE_TOLERANCE}
-        names.add(_of_edge(world, vehicle, fields, alike_thresholds, alike_nudged))
+        names.add(_of_edge(world, vehicle, fields, thresholds.any(0), nudged.any(0)))
     return tuple(sorted(names, key=str))
 
 
