@@ -1,4 +1,3 @@
-import numpy as np
 import pytest
 from highway_env.envs import HighwayEnv, MergeEnv
 from highway_env.vehicle.behavior import AggressiveVehicle, IDMVehicle, LinearVehicle
@@ -52,29 +51,6 @@ def test_routes(env):
     env.road.vehicles.append(IDMVehicle(env.road, [300, 0], route=[("0", "1", 0)]))
     with pytest.raises(SettingsError, match="route"):
         read_world(env)
-
-
-@pytest.mark.parametrize(
-    ("attribute", "value", "said"),
-    [
-        ("collidable", False, "collidable"),
-        ("solid", False, "solid"),
-        ("LENGTH", 12.0, "diagonal"),
-        ("position", np.array([150.0, 12.0]), "on_state_update"),
-    ],
-)
-def test_vehicles_that_do_not_fit_what_they_remember(env, attribute, value, said):
-    setattr(env.road.vehicles[2], attribute, value)
-    with pytest.raises(SettingsError, match=said):
-        read_world(env)
-
-
-def test_a_vehicle_may_lie_between_two_lanes(env):
-    """Rounding of its heading decides which is its own."""
-    for heading in (0.0, 0.1, 0.3, 1.1):
-        vehicle = IDMVehicle(env.road, [300.0, 2.0], heading)
-        env.road.vehicles.append(vehicle)
-    assert read_world(env).vehicles.x[-1] == 300.0
 
 
 def test_an_ego_that_nobody_drives(make_world):

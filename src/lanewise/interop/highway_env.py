@@ -20,8 +20,6 @@ from lanewise.errors import SettingsError
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, Road, Vehicles, World
 
 ORIGIN, DESTINATION = "0", "1"
-ROUNDING = 1e-9
-"""What a vehicle remembers of its place and size may be this far from it, m."""
 _IDM_METHODS = (
     "act",
     "step",
@@ -89,28 +87,6 @@ def _check_vehicle(vehicle: Any) -> None:
         raise SettingsError(f"{kind.__name__} changes {', '.join(changed)} of IDMVehicle")
     if vehicle.route:
         raise SettingsError("a vehicle follows a route; routes cannot be read")
-
-
-def _check_memory(vehicle: Any) -> None:
-    if not (vehicle.collidable and vehicle.solid):
-        raise SettingsError("a vehicle is not collidable or not solid; it cannot be read")
-    if abs(vehicle.diagonal - np.hypot(vehicle.LENGTH, vehicle.WIDTH)) > ROUNDING:
-        raise SettingsError(
-            "a vehicle's diagonal is not that of its LENGTH and WIDTH; set `diagonal` too"
-        )
-
-
-def _check_lanes(vehicles: list[Any], road: Road, state: Vehicles) -> None:
-    """Vehicles remember the closest lane, and so decide by an old one where they were moved."""
-    beyond_end = np.maximum(state.x[:, None] - road.end, 0)
-    before_start = np.maximum(road.start - state.x[:, None], 0)
-    distances = np.abs(state.y[:, None] - road.centre) + beyond_end + before_start
-    remembered = [vehicle.lane_index[2] for vehicle in vehicles]
-    own = distances[np.arange(len(vehicles)), remembered]
-    if (own > distances.min(axis=1) + ROUNDING).any():
-        raise SettingsError(
-            "a vehicle was moved and remembers its old lane; call its `on_state_update()`"
-        )
 
 
 def _read_road(lanes: list[Any]) -> Road:
@@ -189,13 +165,10 @@ def read_world(env: Any) -> World:
     vehicles = list(env.road.vehicles)
     for vehicle in vehicles:
         _check_vehicle(vehicle)
-        _check_memory(vehicle)
-    road, state = _read_road(lanes), _read_vehicles(vehicles)
-    _check_lanes(vehicles, road, state)
     return World(
-        road=road,
+        road=_read_road(lanes),
         drivers=_read_drivers(vehicles, env.controlled_vehicles),
-        vehicles=state,
+        vehicles=_read_vehicles(vehicles),
     )
 
 
