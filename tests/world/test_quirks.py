@@ -187,18 +187,6 @@ class TestQuirks:
         assert_equal(ours, theirs)
         np.testing.assert_allclose(ours.acceleration[1], 0.5 * (1 - (29 / 30) ** 4))
 
-    def test_target_speed_is_not_clipped_without_a_limit(self, make_world):
-        """Below 0, as of a vehicle that was made reversing, its size counts."""
-        world = make_world([-90, 0], [0, 0], 5.0)
-        world = replace(
-            world,
-            road=replace(world.road, speed_limit=jnp.full(3, jnp.inf)),
-            drivers=replace(world.drivers, target_speed=jnp.array([0.0, -6.0])),
-        )
-        ours, theirs = both(world)
-        assert_equal(ours, theirs)
-        np.testing.assert_allclose(ours.acceleration[1], 0.5 * (1 - (5 / 6) ** 4))
-
     def test_predicted_hit_moves_and_crashes_on_the_next_tick(self, make_world):
         world = make_world([0.0, 5.5], [0, 0], [25.0, 5.0], kinds=[0, 1], y=[0.0, 0.3])
         world = change(world, x=[-2.4, 5.5])

@@ -75,8 +75,7 @@ def facing(vehicles: Vehicles) -> Facing:
 def observe(world: World, facing: Facing) -> Motion:
     """Derive what a tick needs to know of every vehicle.
 
-    The effort is max(speed, 0) / |not_zero(clip(target speed, 0, limit of the own lane))|; on a
-    lane without a limit the target speed is not clipped (`clipped-target-speed`).
+    The effort is max(speed, 0) / |not_zero(clip(target speed, 0, limit of the own lane))|.
 
     Args:
         world: one world.
@@ -88,9 +87,7 @@ def observe(world: World, facing: Facing) -> Motion:
     vehicles, drivers = world.vehicles, world.drivers
     lane = roads.closest_lane(world.road, vehicles.x, vehicles.y)
     limit = pick(world.road.speed_limit, lane)
-    # Without a limit highway-env does not clip at all.
-    lowest = jnp.where(jnp.isinf(limit), -jnp.inf, 0)
-    target_speed = jnp.clip(drivers.target_speed, lowest, limit)
+    target_speed = jnp.clip(drivers.target_speed, 0, limit)
     cosine, sine = facing
     occupied = roads.occupied_lanes(world.road, vehicles.x, vehicles.y)
     return Motion(
