@@ -62,7 +62,7 @@ def wreck_flags(vehicles, reference):
     """Which vehicles only one of the worlds pushes, by nothing, bool [..., n].
 
     Wrecks that were pushed apart touch but for rounding, so whether they are pushed once more is
-    chance; it matters to nobody, as they have crashed already (`wreck-flags`).
+    chance; it matters to nobody, as they have crashed already (`wrecks-at-rest`).
     """
     push_x, push_y = vehicles.impact_x - reference.impact_x, vehicles.impact_y - reference.impact_y
     nothing = np.maximum(np.abs(push_x), np.abs(push_y)) <= RUN_TOLERANCE

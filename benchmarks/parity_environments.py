@@ -236,11 +236,12 @@ def _placed_vehicle(road, configuration, rng):
 
 
 def _placed(kind, road, configuration, rng, **more):
-    """A vehicle in the middle of a lane, about 20 m of lane for each."""
+    """A vehicle in the middle of a lane, about 20 m of lane for each; some begin reversing."""
     lane = road.network.lanes_list()[int(rng.integers(configuration.lanes))]
     room = 20 * (configuration.others + configuration.controlled) / configuration.lanes
     place = lane.position(rng.uniform(0, min(room, lane.length)), 0)
-    return kind(road, place, 0.0, float(rng.uniform(-5, 30)), **more)
+    slowest = 0 if lane.speed_limit is None else -5
+    return kind(road, place, 0.0, float(rng.uniform(slowest, 30)), **more)
 
 
 def _parametrise(vehicle, rng):
@@ -328,6 +329,13 @@ def _with_vehicle(kind, **more):
     return env
 
 
+def _reversing_without_a_limit():
+    env = _with_driver(target_speed=-5.0)
+    for lane in env.unwrapped.road.network.lanes_list():
+        lane.speed_limit = None
+    return env
+
+
 def _with_object(kind):
     env = _plain()
     road = env.unwrapped.road
@@ -391,7 +399,6 @@ UNREPRESENTED = {
     "several roads": _merge,
     "oblique lane": partial(_with_lane, StraightLane([0.0, 16.0], [10_000.0, 40.0])),
     "curved lane": partial(_with_lane, SineLane([0.0, 16.0], [10_000.0, 16.0], 1, 0.1, 0)),
-    # What follows is refused once `read_world` knows its vehicles by kind.
     "speed range": partial(_plain, action=CONTINUOUS | {"speed_range": (0.0, 20.0)}),
     "constants of steering": partial(_with_vehicle, _Drifting),
     "method of an instance": partial(_with_driver, steering_control=lambda lane: 0.0),
@@ -401,5 +408,6 @@ UNREPRESENTED = {
     "length without its diagonal": partial(_with_driver, LENGTH=12.0),
     "moved without an update": partial(_with_driver, position=np.array([150.0, 12.0])),
     "regulated road": _regulated,
+    "reversing without a limit": _reversing_without_a_limit,
     "too many lanes": partial(_plain, lanes_count=40),
 }

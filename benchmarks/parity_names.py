@@ -77,9 +77,9 @@ def _of_drift(world, errors):
     speeds = np.abs(vehicles.speed)
     hurried = wrong.get("acceleration", np.array([], int))
     if hurried.size and (np.abs(speeds[hurried] - TOP_SPEED) <= RUN_TOLERANCE).all():
-        return "speed-limit-edge"
+        return "top-speed-edge"
     if not decided and (vehicles.speed[everywhere] < SLOW).all():
-        return "standstill-rounding"
+        return "standstill-and-reversing"
     return "amplified-rounding"
 
 
@@ -110,8 +110,7 @@ def gain_bound(world):
     vehicles, drivers, road = world.vehicles, world.drivers, world.road
     distance = np.abs(vehicles.y[:, None] - road.centre)
     limit = road.speed_limit[np.where(road.present, distance, np.inf).argmin(1)]
-    lowest = np.where(np.isinf(limit), -np.inf, 0)
-    target = np.abs(np.clip(drivers.target_speed, lowest, limit))
+    target = np.clip(drivers.target_speed, 0, limit)
     effort = np.maximum(vehicles.speed, 0) / np.maximum(target, SMALLEST)
     behind = vehicles.present & (vehicles.x < vehicles.x[:, None])
     fastest = np.where(behind, effort, 0).max(1)
