@@ -181,11 +181,10 @@ def _fill(live, configuration, rng):
         if isinstance(vehicle, IDMVehicle) and configuration.drivers == "own parameters":
             _parametrise(vehicle, rng)
         road.vehicles.append(vehicle)
-    live.controlled_vehicles = [
-        _placed(Vehicle, road, configuration, rng) for _ in live.controlled_vehicles
-    ]
-    for vehicle in live.controlled_vehicles:
-        road.vehicles.insert(int(rng.integers(len(road.vehicles) + 1)), vehicle)
+    places = np.sort(rng.integers(0, configuration.others + 1, configuration.controlled))
+    live.controlled_vehicles = [_placed(Vehicle, road, configuration, rng) for _ in places]
+    for before, vehicle in enumerate(live.controlled_vehicles):
+        road.vehicles.insert(before + int(places[before]), vehicle)
     live.road = road
     live.define_spaces()
 
@@ -240,7 +239,8 @@ def _placed(kind, road, configuration, rng, **more):
     lane = road.network.lanes_list()[int(rng.integers(configuration.lanes))]
     room = 20 * (configuration.others + configuration.controlled) / configuration.lanes
     place = lane.position(rng.uniform(0, min(room, lane.length)), 0)
-    slowest = 0 if lane.speed_limit is None else -5
+    unlimited = any(other.speed_limit is None for other in road.network.lanes_list())
+    slowest = 0 if unlimited else -5
     return kind(road, place, 0.0, float(rng.uniform(slowest, 30)), **more)
 
 

@@ -43,7 +43,7 @@ def test_what_is_not_represented_is_refused(name):
 
 
 def test_every_rate_and_every_number_of_lanes_is_drawn():
-    drawn = [draw(0, number) for number in range(330)]
+    drawn = [draw(0, number) for number in range(340)]
     compared = [one for one in drawn if one.unread is None]
     assert len(compared) >= 300
     assert {one.unread for one in drawn} == {None, *UNREPRESENTED}
