@@ -21,7 +21,7 @@ from parity_states import fit
 
 from lanewise.errors import SettingsError
 from lanewise.interop.highway_env import _read_vehicles, read_world
-from lanewise.world.state import RULE_BASED, Vehicles, World
+from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Vehicles, World
 from lanewise.world.steering import slip_sine
 
 ROOM = OTHERS_MAX + CONTROLLED_MAX
@@ -245,5 +245,10 @@ def _examples(differences):
 
 def _state(driven, found):
     """The state before a difference, with as few vehicles as still show it."""
-    world = World(driven.start.road, driven.start.drivers, at(driven.vehicles, found.tick))
+    drivers = driven.start.drivers
+    if drivers.kind[0] == CONSTANT:
+        # The same in one tick, and `build_env` wants somebody to drive.
+        kind = np.concatenate([[EXTERNAL], drivers.kind[1:]]).astype(np.int32)
+        drivers = replace(drivers, kind=kind)
+    world = World(driven.start.road, drivers, at(driven.vehicles, found.tick))
     return as_json(minimised(commanded(driven, found.tick, world), driven.rate))
