@@ -1,26 +1,30 @@
-"""Measure how well our world equals highway-env, over random states and free runs.
+"""Measure how well our world equals highway-env: random states, free runs, live environments.
 
-python benchmarks/parity.py --states 10000 --runs 1000 --default-runs 200 --processes 2 \
-    --out results/parity/highway-env-1.12.1.json
+python benchmarks/parity.py --states 10000 --runs 1000 --default-runs 200 --configurations 340 \
+    --processes 2 --out results/parity/highway-env-1.12.1.json
+
+What is done is kept beside the result file; the same command goes on from there. It exits with 1
+where a difference has no name, or `read_world` reads or refuses what it should not.
 """
 
 import argparse
 import json
 import os
-import platform
-import shlex
 import sys
 import time
+from collections import Counter
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from datetime import UTC, datetime
-from importlib.metadata import version
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
-os.environ["JAX_ENABLE_X64"] = "1"
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
+sys.path.insert(0, str(Path(__file__).parents[1] / "campaigns"))
 
+import jax
 import numpy as np
+import parity_live
+import record
 from parity_compare import (
     CONTINUOUS,
     RUN_TOLERANCE,
@@ -32,13 +36,40 @@ from parity_compare import (
     default_env,
     minimised,
 )
+from parity_environments import draw, seconds_of
 from parity_states import SIZES, paper_traffic, random_state
 
 from lanewise.interop.highway_env import build_env, read_world
+from lanewise.progress import Progress
 
 STATES_A_TASK, RUNS_A_TASK, DEFAULT_RUNS_A_TASK = 240, 20, 4
 BATCH = 40
 """One batch shape per size, so that each process compiles two ticks and two runs."""
+DEPENDS_ON = ("benchmarks", "src/lanewise/world", "src/lanewise/interop")
+STORED_EXCEPTIONS = 10
+"""Differences without a name that are stored; all are counted."""
+COLUMNS = (
+    "number",
+    "rate",
+    "lanes",
+    "others",
+    "controlled",
+    "ticks",
+    "ticks_equal",
+    "largest",
+    "wreck_flags",
+)
+"""Stored of every configuration that was compared; its number and the seed make it again."""
+
+SHOWN = (
+    "compared",
+    "largest_errors",
+    "largest_error_while_equal",
+    "without_any_difference",
+    "differences_without_a_name",
+    "wrongly_read_or_refused",
+)
+"""Printed of each kind."""
 
 
 def random_states(seed, task, count):
@@ -60,7 +91,7 @@ def random_states(seed, task, count):
                 exceptions.append({"errors": errors, "unequal": unequal, "state": small})
         done += BATCH
         group.clear()
-    return done, largest, exceptions
+    return {"compared": done, "largest": largest, "exceptions": exceptions}
 
 
 def _runs(envs, worlds, actions, first):
@@ -79,7 +110,7 @@ def _runs(envs, worlds, actions, first):
                     "actions": actions[index].tolist(),
                 }
             )
-    return len(envs), largest, exceptions
+    return {"compared": len(envs), "largest": largest, "exceptions": exceptions}
 
 
 def paper_runs(seed, task, count):
@@ -100,84 +131,192 @@ def default_runs(seed, task, count):
 
 
 KINDS = {
-    "random_states": (random_states, STATES_A_TASK, STATE_TOLERANCE),
-    "paper_runs": (paper_runs, RUNS_A_TASK, RUN_TOLERANCE),
-    "default_runs": (default_runs, DEFAULT_RUNS_A_TASK, RUN_TOLERANCE),
+    "random_states": (random_states, STATES_A_TASK, STATE_TOLERANCE, 6.0),
+    "paper_runs": (paper_runs, RUNS_A_TASK, RUN_TOLERANCE, 12.0),
+    "default_runs": (default_runs, DEFAULT_RUNS_A_TASK, RUN_TOLERANCE, 16.0),
 }
+"""What each compares: function, how many a task, tolerance, about how long a task takes, s."""
+LIVE = "live_environments"
 
 
-def work(kind, seed, task):
+def work(kind, seed, task, seconds):
     """One task, for a worker process."""
-    function, count, _ = KINDS[kind]
-    return kind, function(seed, task, count)
+    with jax.enable_x64(True):
+        if kind == LIVE:
+            return parity_live.compare(seed, task, seconds)
+        function, count, *_ = KINDS[kind]
+        return function(seed, task, count)
 
 
-def processor():
-    """The processor's name."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor()
+def expected_seconds(kind, seed, task, seconds):
+    """About how long a task takes on one core."""
+    if kind != LIVE:
+        return KINDS[kind][3]
+    drawn = draw(seed, task, seconds)
+    if drawn.unread is not None:
+        return 0.1
+    return seconds_of(drawn.rate, drawn.others + drawn.controlled, seconds)
 
 
-def provenance(arguments):
-    """What made the result."""
-    packages = ("lanewise", "highway-env", "jax", "jaxlib", "numpy", "gymnasium")
-    return {
-        "command": shlex.join(["python", "benchmarks/parity.py", *sys.argv[1:]]),
-        "seed": arguments.seed,
-        "versions": {"python": platform.python_version()} | {p: version(p) for p in packages},
-        "machine": {"platform": platform.platform(), "cpu": processor(), "cores": os.cpu_count()},
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-    }
-
-
-def summarise(kind, results):
+def summarise(kind, parts):
     """One kind's part of the result file."""
-    parts = [result for name, result in results if name == kind]
-    largest = {name: max((part[1][name] for part in parts), default=0.0) for name in CONTINUOUS}
+    largest = {name: max(part["largest"][name] for part in parts) for name in CONTINUOUS}
     return {
-        "compared": sum(part[0] for part in parts),
+        "compared": sum(part["compared"] for part in parts),
         "tolerance": KINDS[kind][2],
         "largest_errors": largest,
-        "exceptions": [exception for part in parts for exception in part[2]],
+        "exceptions": [exception for part in parts for exception in part["exceptions"]],
     }
+
+
+def summarise_live(rows, seconds):
+    """The live environments' part of the result file."""
+    read = [row for row in rows if row["expected"] and row["unread"] is None]
+    refused = [row for row in rows if row["expected"] and row["unread"] is not None]
+    unexplained = [
+        {"number": row["number"]} | found for row in read for found in row["unexplained"]
+    ]
+    return {
+        "compared": len(read),
+        "simulated_seconds_each": seconds,
+        "ticks": sum(row["ticks"] for row in read),
+        "vehicle_ticks": sum(row["ticks"] * (row["others"] + row["controlled"]) for row in read),
+        "tolerance": RUN_TOLERANCE,
+        "largest_error_while_equal": max((row["largest"] for row in read), default=0.0),
+        "without_any_difference": sum(row["ticks_equal"] == row["ticks"] for row in read),
+        "wreck_flags": {
+            "vehicle_ticks": sum(row["wreck_flags"] for row in read),
+            "configurations": sum(row["wreck_flags"] > 0 for row in read),
+        },
+        "named": named(read),
+        "refused": {row["unread"]: row["refused"] for row in refused},
+        "drawn": {
+            what: dict(Counter(row[what] for row in read).most_common())
+            for what in ("action", "traffic", "road", "drivers")
+        }
+        | {"starts": dict(Counter(start for row in read for start in row["starts"]).most_common())},
+        "wrongly_read_or_refused": [
+            {name: row[name] for name in ("number", "unread", "refused")}
+            for row in rows
+            if not row["expected"]
+        ],
+        "differences_without_a_name": len(unexplained),
+        "exceptions": [
+            found | {"state": state}
+            for row in read
+            for found, state in zip(row["unexplained"], row["states"], strict=False)
+        ][:STORED_EXCEPTIONS],
+        "columns": [*COLUMNS, "names"],
+        "configurations": [
+            " ".join([*(f"{row[name]:.4g}" for name in COLUMNS), *row["names"]]) for row in read
+        ],
+    }
+
+
+def named(rows):
+    """How often each name was given, where it came first, and an example."""
+    found = {}
+    for row in rows:
+        for name, count in row["names"].items():
+            entry = found.setdefault(
+                name,
+                {
+                    "differences": 0,
+                    "configurations": 0,
+                    "example": {"number": row["number"]} | row["examples"][name],
+                },
+            )
+            entry["differences"] += count
+            entry["configurations"] += 1
+    return dict(sorted(found.items()))
+
+
+class Done:
+    """The tasks that are done, kept in a file beside the result, a line each."""
+
+    def __init__(self, path, state):
+        """Read what the same campaign did before; anything else is forgotten."""
+        self.path, self.parts = path, {}
+        lines = path.read_text().splitlines() if path.exists() else []
+        if lines and json.loads(lines[0]) == state:
+            for line in lines[1:]:
+                task, part = json.loads(line)
+                self.parts[tuple(task)] = part
+            return
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(state) + "\n")
+
+    def add(self, task, part):
+        """Keep a task's part."""
+        # As a later command would read it.
+        line = json.dumps([task, part])
+        self.parts[task] = json.loads(line)[1]
+        with self.path.open("a") as file:
+            file.write(line + "\n")
+
+
+def perform(tasks, done, processes, seconds):
+    """Do the tasks that are not done yet."""
+    cost = {task: expected_seconds(*task, seconds) for task in tasks}
+    left = [task for task in tasks if task not in done.parts]
+    minutes = sum(cost[task] for task in left) / processes / 60
+    print(f"{len(left)} of {len(tasks)} tasks, about {minutes:.0f} min", flush=True)
+    finished = sum(cost[task] for task in tasks if task in done.parts)
+    spawn = get_context("spawn")
+    with ProcessPoolExecutor(processes, mp_context=spawn) as pool, Progress() as progress:
+        progress.stage("parity with highway-env", sum(cost.values()), finished)
+        futures = {pool.submit(work, *task, seconds): task for task in left}
+        for future in as_completed(futures):
+            task = futures[future]
+            done.add(task, future.result())
+            finished += cost[task]
+            progress.update(finished, tasks=len(done.parts), faults=faults(done.parts))
+
+
+def faults(parts):
+    """How many parts would fail the campaign."""
+    return sum(
+        bool(part.get("exceptions") or part.get("unexplained")) or not part.get("expected", True)
+        for part in parts.values()
+    )
 
 
 def main():
     """Run the campaign and store its result."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--states", type=int, default=10_000)
-    parser.add_argument("--runs", type=int, default=1_000)
-    parser.add_argument("--default-runs", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--processes", type=int, default=1)
+    count = partial(parser.add_argument, type=int)
+    count("--states", default=10_000)
+    count("--runs", default=1_000)
+    count("--default-runs", default=200)
+    count("--configurations", default=340, help="of live environments, one in 12 unrepresented")
+    count("--seed", default=0)
+    count("--processes", default=1)
+    parser.add_argument("--seconds", type=float, default=40.0, help="of each live environment")
     parser.add_argument("--out", type=Path, default=Path("results/parity/highway-env-1.12.1.json"))
     arguments = parser.parse_args()
+    seed, seconds, path = arguments.seed, arguments.seconds, arguments.out
     wanted = (arguments.states, arguments.runs, arguments.default_runs)
-    tasks = [
-        (kind, arguments.seed, task)
-        for (kind, (_, size, _)), count in zip(KINDS.items(), wanted, strict=True)
-        for task in range(-(-count // size))
-    ]
-    begin, results = time.monotonic(), []
-    with ProcessPoolExecutor(arguments.processes, mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(work, *task) for task in tasks]
-        for number, future in enumerate(as_completed(futures), 1):
-            kind, part = future.result()
-            results.append((kind, part))
-            found = sum(len(result[2]) for _, result in results)
-            spent = time.monotonic() - begin
-            print(f"{number}/{len(tasks)} {kind}: {found} exceptions, {spent:.0f} s", flush=True)
-    document = provenance(arguments) | {kind: summarise(kind, results) for kind in KINDS}
-    document["seconds"] = round(time.monotonic() - begin)
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    arguments.out.write_text(json.dumps(document, indent=1) + "\n")
-    for kind in KINDS:
-        part = document[kind]
-        print(kind, part["compared"], "compared,", len(part["exceptions"]), "exceptions,")
-        print("  largest errors", part["largest_errors"])
+    numbers = {
+        kind: -(-count // size)
+        for (kind, (_, size, *_)), count in zip(KINDS.items(), wanted, strict=True)
+    } | {LIVE: arguments.configurations}
+    tasks = [(kind, seed, task) for kind, number in numbers.items() for task in range(number)]
+    state = record.state(seed, seconds, within=DEPENDS_ON, packages=("highway-env",))
+    done = Done(path.with_suffix(".partial"), {"state": state})
+    begin = time.monotonic()
+    perform(tasks, done, arguments.processes, seconds)
+    parts = {task: done.parts[task] for task in tasks}
+    by_kind = {kind: [part for task, part in parts.items() if task[0] == kind] for kind in numbers}
+    figures = {kind: summarise(kind, by_kind[kind]) for kind in KINDS if by_kind[kind]}
+    if by_kind[LIVE]:
+        figures[LIVE] = summarise_live(by_kind[LIVE], seconds)
+    figures["seconds"] = round(time.monotonic() - begin)
+    record.store(path, figures, seed, ("highway-env",))
+    done.path.unlink()
+    for kind, part in figures.items():
+        print(kind, part if kind == "seconds" else {n: part[n] for n in SHOWN if n in part})
+    return 1 if faults(parts) else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -25,6 +25,8 @@ CONTINUOUS = (
     "impact_y",
 )
 DECISIONS = ("target_lane", "crashed", "impacted")
+OF_RULES = ("timer", "target_lane")
+"""Plain vehicles have neither."""
 STATE_TOLERANCE = 1e-9
 RUN_TOLERANCE = 1e-6
 
@@ -34,21 +36,65 @@ def stack(worlds):
     return jax.tree.map(lambda *values: np.stack(values), *worlds)
 
 
-def differences(vehicles, reference):
-    """Largest error of each number, and the decisions that differ, over the present vehicles."""
-    present = np.flatnonzero(vehicles.present)
-    rule_based = np.asarray(reference.drivers.kind) == RULE_BASED
-    errors, unequal = {}, []
+def errors_of(vehicles, reference, rule_based):
+    """How far vehicles are from the reference, of each number and decision.
+
+    Args:
+        vehicles: arrays [..., n].
+        reference: the same.
+        rule_based: bool [n].
+
+    Returns:
+        By name, [..., n]; a decision's error is 0 or infinite.
+    """
+    errors = {}
     for name in CONTINUOUS + DECISIONS:
-        value, wanted = getattr(vehicles, name)[present], getattr(reference.vehicles, name)
-        if name in ("timer", "target_lane"):
-            # Plain vehicles have neither.
-            value, wanted = value[rule_based], wanted[rule_based]
+        value, wanted = getattr(vehicles, name), getattr(reference, name)
         if name in DECISIONS:
-            unequal += [name] * bool((value != wanted).any())
+            error = np.where(value != wanted, np.inf, 0.0)
         else:
-            errors[name] = float(np.abs(value - wanted).max(initial=0.0))
-    return errors, unequal
+            error = np.abs(value - wanted)
+        errors[name] = np.where(rule_based, error, 0.0) if name in OF_RULES else error
+    return errors
+
+
+def wreck_flags(vehicles, reference):
+    """Which vehicles only one of the worlds pushes, by nothing, bool [..., n].
+
+    Wrecks that were pushed apart touch but for rounding, so whether they are pushed once more is
+    chance; it matters to nobody, as they have crashed already (`wrecks-at-rest`).
+    """
+    push_x, push_y = vehicles.impact_x - reference.impact_x, vehicles.impact_y - reference.impact_y
+    nothing = np.maximum(np.abs(push_x), np.abs(push_y)) <= RUN_TOLERANCE
+    wrecks = vehicles.crashed & reference.crashed
+    return (vehicles.impacted != reference.impacted) & wrecks & nothing
+
+
+def errors_but_flags(vehicles, reference, rule_based):
+    """As `errors_of`, but for `wreck_flags`."""
+    errors = errors_of(vehicles, reference, rule_based)
+    flags = wreck_flags(vehicles, reference)
+    return errors | {"impacted": np.where(flags, 0.0, errors["impacted"])}
+
+
+def agree(errors, tolerance):
+    """Which vehicles are within tolerance, bool [..., n]; not-a-number is outside."""
+    return np.all([error <= tolerance for error in errors.values()], axis=0)
+
+
+def largest_of(errors):
+    """The largest error of each number, and the decisions that differ."""
+    largest = {name: float(error.max(initial=0.0)) for name, error in errors.items()}
+    unequal = [name for name in DECISIONS if largest.pop(name)]
+    return largest, unequal
+
+
+def differences(vehicles, world):
+    """As `largest_of`, of the present vehicles against those of a world that is read."""
+    present = np.flatnonzero(vehicles.present)
+    vehicles = jax.tree.map(lambda values: values[present], vehicles)
+    rule_based = np.asarray(world.drivers.kind) == RULE_BASED
+    return largest_of(errors_of(vehicles, world.vehicles, rule_based))
 
 
 def agrees(errors, unequal, tolerance):
@@ -99,6 +145,27 @@ def minimised(world, frequency=10):
 def as_json(world):
     """A world as lists."""
     return jax.tree.map(lambda value: np.asarray(value).tolist(), asdict(world))
+
+
+@jax.jit
+def tick_by_tick(world, commands, duration):
+    """Vehicles after each tick, [ticks, N].
+
+    Args:
+        world: one world.
+        commands: for each tick and external vehicle [ticks, k]: its number, or -1 where nothing new
+            is commanded; acceleration, m/s^2; steering, rad.
+        duration: of a tick, s.
+    """
+
+    def advance(vehicles, given):
+        now = replace(world, vehicles=vehicles)
+        for vehicle, acceleration, steering in zip(*given, strict=True):
+            now = bicycle.command(now, acceleration, steering, vehicle)
+        vehicles = tick.tick(now, duration).vehicles
+        return vehicles, vehicles
+
+    return lax.scan(advance, world.vehicles, commands)[1]
 
 
 @partial(jax.jit, static_argnames="ticks")

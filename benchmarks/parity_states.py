@@ -121,14 +121,14 @@ def padded(part, size):
     return type(part)(**{f.name: np.resize(getattr(part, f.name), size) for f in fields(part)})
 
 
-def fit(world, size):
-    """A world with room for ``size`` vehicles and `LANES_MAX` lanes."""
+def fit(world, size, lanes_max=LANES_MAX):
+    """A world with room for ``size`` vehicles and ``lanes_max`` lanes."""
     count = world.vehicles.x.shape[0]
     vehicles = padded(world.vehicles, size)
     present = vehicles.present & (np.arange(size) < count)
     lanes = world.road.present.shape[0]
-    road = padded(world.road, LANES_MAX)
-    road = replace(road, present=road.present & (np.arange(LANES_MAX) < lanes))
+    road = padded(world.road, lanes_max)
+    road = replace(road, present=road.present & (np.arange(lanes_max) < lanes))
     return World(road, padded(world.drivers, size), replace(vehicles, present=present))
 
 

@@ -1,0 +1,176 @@
+from dataclasses import replace
+
+import jax
+import numpy as np
+import parity_names
+import pytest
+from parity_compare import errors_but_flags, errors_of
+from parity_environments import UNREPRESENTED, draw
+from parity_live import at, commanded, compare, drive, follow
+from parity_states import fit, paper_traffic
+
+import parity
+from lanewise.errors import SettingsError
+from lanewise.interop.highway_env import build_env, read_world
+
+ROOM, LANES = 16, 8
+"""One compiled size for all tests here."""
+
+
+def rows(numbers, seconds, most):
+    return [compare(0, number, seconds, ROOM, most) for number in numbers]
+
+
+def faulty(rows):
+    return [row for row in rows if not row["expected"] or row.get("unexplained")]
+
+
+def test_a_few_live_environments():
+    assert faulty(rows((3, 7, 19, 31, 38), 3.0, 8)) == []
+
+
+@pytest.mark.slow
+def test_many_live_environments():
+    compared = rows(range(100), 10.0, 12)
+    assert faulty(compared) == []
+    assert {name for row in compared for name in row.get("names", ())} != set()
+
+
+@pytest.mark.parametrize("name", UNREPRESENTED)
+def test_what_is_not_represented_is_refused(name):
+    with pytest.raises(SettingsError):
+        read_world(UNREPRESENTED[name]())
+
+
+def test_every_rate_and_every_number_of_lanes_is_drawn():
+    drawn = [draw(0, number) for number in range(340)]
+    compared = [one for one in drawn if one.unread is None]
+    assert len(compared) >= 300
+    assert {one.unread for one in drawn} == {None, *UNREPRESENTED}
+    assert len({(one.rate, one.lanes) for one in compared}) == 88
+    assert {one.controlled for one in compared} == {1, 2, 3, 4}
+    assert min(one.others for one in compared) == 0
+    assert max(one.others for one in compared) == 80
+
+
+@pytest.fixture(scope="module")
+def driven():
+    """Two seconds of traffic behind a trap."""
+    with jax.enable_x64(True):
+        return drive(build_env(paper_traffic(np.random.default_rng(1))), 2.0)
+
+
+def test_what_is_read_and_does_not_drive_alike_has_no_name(driven):
+    drivers = driven.start.drivers
+    other = replace(drivers, time_gap=drivers.time_gap + 0.1)
+    wrong = replace(driven, start=replace(driven.start, drivers=other))
+    found, *_ = follow(wrong, ROOM)
+    assert [difference.names for difference in found] == [(None,)] * len(driven.number)
+
+
+def one_tick_apart(driven, change):
+    """The name of a difference that a change of ours makes after rounding of earlier ticks."""
+    wanted = at(driven.vehicles, 1)
+    errors = errors_of(change(wanted), wanted, driven.start.drivers.kind == 2)
+    world = commanded(driven, 0, fit(driven.start, ROOM, LANES))
+    return parity_names.name(world, wanted, errors, 1e-9, driven.rate)
+
+
+def test_rounding_that_has_grown_is_named_by_where_it_grew(driven):
+    def moved(vehicles):
+        return replace(vehicles, x=vehicles.x + 2e-6)
+
+    def hit(vehicles):
+        return replace(vehicles, impacted=~vehicles.impacted)
+
+    assert one_tick_apart(driven, moved) == ("amplified-rounding",)
+    assert one_tick_apart(driven, hit) == ("amplified-rounding",)
+
+
+@pytest.mark.parametrize(
+    ("crashed", "push", "counts"),
+    [(True, 1e-12, False), (False, 1e-12, True), (True, 1e-3, True)],
+)
+def test_only_an_empty_push_of_a_wreck_is_no_difference(driven, crashed, push, counts):
+    vehicles = at(driven.vehicles, 0)
+    vehicles = replace(vehicles, crashed=np.full_like(vehicles.crashed, crashed))
+    pushed = replace(
+        vehicles, impacted=np.ones_like(vehicles.impacted), impact_x=vehicles.impact_x + push
+    )
+    errors = errors_but_flags(pushed, vehicles, driven.start.drivers.kind == 2)
+    assert (errors["impacted"] > 0).all() == counts
+
+
+@pytest.mark.parametrize(("bounds", "named"), [(0.5, "cancelled-free-road-term"), (3.0, None)])
+def test_a_gain_within_its_rounding_of_the_threshold_is_named(bounds, named):
+    """A driver would get past a slow car, and its old rear vehicle is the ego."""
+    start = paper_traffic(np.random.default_rng(1))
+    kind = np.where(np.arange(12) == 1, 2, 0).astype(np.int32)
+    vehicles = replace(
+        start.vehicles,
+        x=np.array([0.0, 30.3, 52.0, *(1e3 + 50 * np.arange(9))]),
+        y=np.zeros(12),
+        speed=np.where(np.arange(12) == 2, 8.0, 12.3),
+        target_lane=np.zeros(12, np.int32),
+        timer=np.full(12, 1.5),
+    )
+    drivers = replace(start.drivers, kind=kind, target_speed=np.where(kind == 2, 12.5, 0.0))
+
+    def with_threshold(gain):
+        other = replace(drivers, minimum_gain=np.full(12, gain))
+        return fit(replace(start, vehicles=vehicles, drivers=other), ROOM, LANES)
+
+    def changes(gain):
+        worlds = parity_names.stack([with_threshold(gain)] * (3 + parity_names.NUDGES))
+        return int(parity_names.one_tick(worlds, 0.1).target_lane[0, 1]) == 1
+
+    low, high = -50.0, 50.0
+    while high - low > 1e-12:
+        middle = (low + high) / 2
+        low, high = (middle, high) if changes(middle) else (low, middle)
+    bound = parity_names.gain_bound(with_threshold(low))[1]
+    env = build_env(with_threshold(low - 5 * bound))
+    env.road.act()
+    env.road.step(0.1)
+    wanted = read_world(env).vehicles
+    assert wanted.target_lane[1] == 1
+    errors = errors_of(wanted, wanted, kind == 2)
+    world = with_threshold(low + bounds * bound)
+    assert parity_names.name(world, wanted, errors, 0.0, 10) == (named,)
+
+
+def test_a_campaign_goes_on_from_what_is_done(tmp_path):
+    path, task = tmp_path / "parity.partial", ("live_environments", 0, 3)
+    parity.Done(path, {"state": "a"}).add(
+        task, {"expected": True, "names": ("amplified-rounding",)}
+    )
+    assert parity.Done(path, {"state": "a"}).parts == {
+        task: {"expected": True, "names": ["amplified-rounding"]}
+    }
+    assert parity.Done(path, {"state": "b"}).parts == {}
+
+
+def test_what_fails_a_campaign():
+    parts = [
+        {"exceptions": []},
+        {"exceptions": [{}]},
+        {"expected": True, "unexplained": []},
+        {"expected": True, "unexplained": [{}]},
+        {"expected": False, "refused": "a route"},
+    ]
+    assert parity.faults(dict(enumerate(parts))) == 3
+
+
+def test_the_result_names_every_difference():
+    row = {
+        "number": 1,
+        "names": {"amplified-rounding": 2},
+        "examples": {"amplified-rounding": {"tick": 3}},
+    }
+    assert parity.named([row, row | {"number": 2}]) == {
+        "amplified-rounding": {
+            "differences": 4,
+            "configurations": 2,
+            "example": {"number": 1, "tick": 3},
+        }
+    }
