@@ -11,6 +11,7 @@ from lanewise import config, reading
 from lanewise.errors import CheckpointError, LanewiseError, RunError, SettingsError
 from lanewise.experiments import experiment, work
 from lanewise.runs import resume, trained, views
+from lanewise.runs.files import OpenFolder
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.metrics import MetricsWriter
 from lanewise.settings import Settings
@@ -34,7 +35,7 @@ def place(tmp_path_factory):
 @pytest.mark.parametrize(
     "name",
     [
-        *("run.json", "settings.toml", "lock", "metrics.jsonl", "timings.jsonl", "episodes.csv"),
+        *("run.json", "settings.toml", "metrics.jsonl", "timings.jsonl", "episodes.csv"),
         *("chunks.csv", "checkpoints", "stages", "tensorboard", "diverged"),
     ],
 )
@@ -69,12 +70,12 @@ def test_a_second_name_of_a_table_keeps_what_it_has(tmp_path):
     kept = tmp_path / "backup.csv"
     kept.write_text("precious")
     os.link(kept, tmp_path / views.FILES["chunk"])
-    views.Table(tmp_path, "chunk").close()
+    views.Table(OpenFolder(tmp_path), "chunk").close()
     assert kept.read_text() == "precious"
     assert (tmp_path / views.FILES["chunk"]).read_text().startswith("stage,")
 
 
-@pytest.mark.parametrize("name", ["lock", "metrics.jsonl", "settings.toml"])
+@pytest.mark.parametrize("name", ["metrics.jsonl", "settings.toml"])
 def test_a_pipe_is_not_waited_for(run, name):
     (run / name).unlink(missing_ok=True)
     os.mkfifo(run / name)
@@ -191,7 +192,7 @@ def test_tests_are_neither_written_nor_read_through_a_link(place, tmp_path):
     for use in (
         lambda: work.read_test(job, "lanewise"),
         lambda: work.is_tested(job, "lanewise", 40),
-        lambda: work._store(job.path, "hierarchical", "lanewise", episodes, 1.5, {}),
+        lambda: work._store(OpenFolder(job.path), "hierarchical", "lanewise", episodes, 1.5, {}),
     ):
         with pytest.raises(RunError, match=r"cannot use .*tests: not a folder; delete it"):
             use()

@@ -9,7 +9,7 @@ from pathlib import Path
 from lanewise import reading
 from lanewise.errors import RunError, brief
 from lanewise.experiments.experiment import Experiment
-from lanewise.runs.files import write_atomically
+from lanewise.runs.files import OpenFolder, write_atomically
 from lanewise.runs.folder import require_empty
 
 NAME = "experiment.json"
@@ -38,9 +38,9 @@ def check(out: Path, experiment: Experiment) -> None:
         require_empty(out)
 
 
-def mark(out: Path, experiment: Experiment) -> None:
+def mark(out: OpenFolder, experiment: Experiment) -> None:
     """Name the experiment in its folder; nothing that is there already is written anew."""
-    if not os.path.lexists(out / NAME):
+    if not os.path.lexists(out.path / NAME):
         text = json.dumps({"format": _FORMAT, "experiment": experiment.name}, indent=2) + "\n"
         write_atomically(out, {NAME: text.encode()})
 
