@@ -19,8 +19,8 @@ from lanewise.errors import LanewiseError
 
 _DEEPEST = 32
 """Lists and objects inside one another; ours need 4."""
-_ENDLESS = re.compile(rb"^([^=\n]+)=[^\n]*?[0-9_]{4000}", re.MULTILINE)
-"""A line that sets something to a number of thousands of digits."""
+_DIGITS, _ENDLESS = re.compile(rb"[0-9_]+"), 4000
+"""A number, and how many digits are out of every range."""
 _MOST_DOTS = 32
 """In a line of TOML. Reading a dotted key takes time with the square of its parts."""
 
@@ -113,18 +113,28 @@ def toml_table(data: bytes) -> dict[str, Any]:
     """
     try:
         text = data.decode("utf-8")
-        if any(line.count(".") > _MOST_DOTS for line in text.splitlines()):
+        # A line of TOML ends with a line feed alone, and so a key may run on over any other end.
+        if any(line.count(".") > _MOST_DOTS for line in text.split("\n")):
             raise ValueError(f"a line has more than {_MOST_DOTS} dots")
         return tomllib.loads(text)
     except UnicodeDecodeError as cause:
         raise ValueError("not UTF-8 text") from cause
     except (ValueError, RecursionError) as cause:
-        if endless := _ENDLESS.search(data):
-            name = endless[1].decode("utf-8", "replace").strip()[:80]
+        if name := _endless(data):
             raise ValueError(
                 f"{name}: a whole number of so many digits is out of every range"
             ) from cause
         raise ValueError(" ".join(str(cause).split())[:120]) from cause
+
+
+def _endless(data: bytes) -> str:
+    """What a line of TOML sets to a number of thousands of digits; empty where none does."""
+    for number in _DIGITS.finditer(data):
+        if number.end() - number.start() >= _ENDLESS:
+            line = data[data.rfind(b"\n", 0, number.start()) + 1 : number.start()]
+            name, equals, _ = line.partition(b"=")
+            return name.decode("utf-8", "replace").strip()[:80] if equals else ""
+    return ""
 
 
 def digest(document: Mapping[str, Any], field: str = "digest") -> str:

@@ -3,6 +3,9 @@
 import json
 import os
 import shutil
+import sys
+import tracemalloc
+from contextlib import suppress
 
 import pytest
 import strangers_files
@@ -230,6 +233,73 @@ HEAD = 'title = "t"\nepisodes = 1\nhighway_env_episodes = 0\n'
 def test_experiments_that_take_for_ever_are_refused_at_once(text, says):
     with pytest.raises(SettingsError, match=says):
         experiment.parse("x", text)
+
+
+SIZE = 10_000
+LINES_A_BYTE, MEMORY_A_BYTE = 150, 700
+"""What reading may take: lines of Python and bytes; what grows with the square takes far more."""
+LONG = {
+    **{
+        f"a key over what is no line end, {ord(end):#x}": f'"{end}".' * (SIZE // 5) + "a = 1"
+        for end in "\x85\u2028\u2029"
+    },
+    "a dotted key": "a." * (SIZE // 2) + "a = 1",
+    "dotted keys in a deep table": "[" + ".".join("a" * 33) + "]\n"
+    + "".join(f"a{n}." + ".".join("b" * 32) + " = 1\n" for n in range(SIZE // 75)),
+    "deep tables": "".join(f"[a{n}." + ".".join("b" * 32) + "]\n" for n in range(SIZE // 75)),
+    "deep lists of tables": "".join(f"[[{'.'.join('a' * (n % 32 + 1))}]]\n" for n in range(250)),
+    "tables": "".join(f"[t{n}]\n" for n in range(SIZE // 8)),
+    "keys": "".join(f"k{n} = 1\n" for n in range(SIZE // 10)),
+    "keys in a line": "a = {" + ",".join(f"k{n}=1" for n in range(SIZE // 8)) + "}",
+    "lists in lists": "a = " + "[" * (SIZE // 2) + "]" * (SIZE // 2),
+    "tables in tables": "a = " + "{b = " * (SIZE // 6) + "1" + "}" * (SIZE // 6),
+    "many lists in lists": "a = [" + ("[" * 100 + "]" * 100 + ",") * (SIZE // 201) + "]",
+    "a list": "a = [" + "1," * (SIZE // 2) + "]",
+    "a number": "a = " + "1" * SIZE,
+    "a fraction": "a = 0." + "1" * SIZE,
+    "numbers that just fit": "".join(f"a{n} = {'1' * 3990}\n" for n in range(SIZE // 4000)),
+    "no numbers": ("a = " + "1" * 3990 + "x") * (SIZE // 4000),
+    "a text": 'a = """' + "\\n" * (SIZE // 2) + '"""',
+    "comments": "#\n" * (SIZE // 2),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("text", LONG.values(), ids=LONG)
+def test_the_cost_of_reading_toml_grows_with_its_length_alone(text):
+    """Counted, as a clock would tell more of the machine."""
+    data = text.encode()[: 2 * SIZE]
+    left = LINES_A_BYTE * len(data)
+
+    def count(*_):
+        nonlocal left
+        left -= 1
+        assert left > 0, "too many lines"
+        return count
+
+    sys.settrace(count)
+    try:
+        with suppress(ValueError):
+            reading.toml_table(data)
+    finally:
+        sys.settrace(None)
+    tracemalloc.start()
+    try:
+        with suppress(ValueError):
+            reading.toml_table(data)
+        assert tracemalloc.get_traced_memory()[1] < MEMORY_A_BYTE * len(data)
+    finally:
+        tracemalloc.stop()
+
+
+def test_lines_are_those_of_toml():
+    """A separator in a comment or a text begins no line; a line feed begins the next key."""
+    found = reading.toml_table("a = 1 # \u2028 .\nb = '\u2028'\nc.d = 1.5".encode())
+    assert found == {"a": 1, "b": "\u2028", "c": {"d": 1.5}}
+
+
+def test_a_number_of_too_many_digits_is_named():
+    with pytest.raises(ValueError, match=r"^b\.c: a whole number of so many digits"):
+        reading.toml_table(b"a = 1\nb.c = " + b"1" * 5000)
 
 
 def test_a_network_has_so_many_layers_and_no_more():
