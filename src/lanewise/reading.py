@@ -15,7 +15,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from lanewise.errors import LanewiseError
+from lanewise.errors import LanewiseError, brief
+from lanewise.version import __version__
 
 _DEEPEST = 32
 """Lists and objects inside one another; ours need 4."""
@@ -125,6 +126,29 @@ def toml_table(data: bytes) -> dict[str, Any]:
                 f"{name}: a whole number of so many digits is out of every range"
             ) from cause
         raise ValueError(" ".join(str(cause).split())[:120]) from cause
+
+
+def other_format(document: Any, name: str, version: int) -> str:
+    """Says which format a document is of, if it is not the one that is wanted; otherwise nothing.
+
+    Args:
+        document: what was read; where it names no format or version, it is of ``name`` or of the
+            first version.
+        name: the wanted format.
+        version: the wanted version of it.
+    """
+    if not isinstance(document, dict):
+        return ""
+    found, number = document.get("format", name), document.get("version", 1)
+    if found == name and type(number) is int and number == version:
+        return ""
+    called = "format version" if found == name else f"format {brief(found)} version"
+    by = f", written by lanewise {brief(document['lanewise'])}" if "lanewise" in document else ""
+    wanted = version if found == name else f"{name} version {version}"
+    return (
+        f"has {called} {brief(number)}{by}; this lanewise ({__version__}) reads {wanted}: "
+        "use the one that wrote it, or a newer one"
+    )
 
 
 def _endless(data: bytes) -> str:

@@ -93,7 +93,12 @@ def test_a_missing_run_says_what_was_looked_for(tmp_path, operation):
         ("run.json", "[" * 50_000, "not valid JSON"),
         ("run.json", "[]", "does not describe a run"),
         ("run.json", " " * 200_000, "too large"),
-        ("run.json", '{"format": "lanewise-run", "version": 9}', "format version 9"),
+        ("run.json", '{"format": "lanewise-run", "version": 9}', "has format version 9; this"),
+        (
+            "run.json",
+            '{"format": "lanewise-run-3", "lanewise": "7.0.0"}',
+            "has format lanewise-run-3 version 1, written by lanewise 7.0.0; this",
+        ),
         ("run.json", '{"format": "lanewise-run", "version": 2}', "no controller or seed"),
         ("settings.toml", "", "altered after the run was made|other"),
         ("settings.toml", "[scenario]\nlanes = 0\n", "scenario.lanes must be between"),

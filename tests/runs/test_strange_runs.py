@@ -7,12 +7,14 @@ import sys
 import tracemalloc
 from contextlib import suppress
 
+import numpy as np
 import pytest
 import strangers_files
 
 from lanewise import config, reading
 from lanewise.errors import CheckpointError, LanewiseError, RunError, SettingsError
 from lanewise.experiments import experiment, work
+from lanewise.export import numpy_policy
 from lanewise.runs import resume, trained, views
 from lanewise.runs.files import OpenFolder
 from lanewise.runs.folder import RunFolder
@@ -174,6 +176,62 @@ def test_a_stored_test_signed_anew_is_checked_all_the_same(place, tmp_path, chan
     (tests / "lanewise.json").write_text(json.dumps(stored))
     with pytest.raises(RunError, match=says):
         work.read_test(strangers_files.tested(tmp_path), "lanewise")
+
+
+FUTURE = {"version": 9, "lanewise": "7.0.0"}
+
+
+def load_altered(place, target, file, changes, tmp_path):
+    """What is said of a file of JSON, or of one with a line of it, after some changes."""
+    folder = shutil.copytree(place / "whole" / target, tmp_path / target)
+    head, *lines = (folder / file).read_text().splitlines() if "jsonl" in file else [None]
+    document = json.loads(head or (folder / file).read_text()) | changes
+    (folder / file).write_text("\n".join([json.dumps(document), *lines]) + "\n")
+    load = next(each.load for each in strangers_files.TARGETS if each.name == target)
+    with pytest.raises(LanewiseError) as caught:
+        load(folder)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("target", "file"),
+    [
+        ("finished run", "run/run.json"),
+        ("finished run", "run/controller.json"),
+        ("stopped run", "run/checkpoints/stage-01-chunk-00000003.json"),
+        ("stopped run", "run/stages/step-1.json"),
+        ("stored test", "tests/lanewise.json"),
+        ("journal of a sweep", "progress.jsonl"),
+    ],
+)
+def test_what_is_of_a_future_format_says_its_version(place, tmp_path, target, file):
+    said = load_altered(place, target, file, FUTURE, tmp_path / "a")
+    assert f"{file.split('/')[-1]} has format version 9, written by lanewise 7.0.0; this" in said
+    assert said.endswith("use the one that wrote it, or a newer one")
+    said = load_altered(place, target, file, FUTURE | {"format": "new"}, tmp_path / "b")
+    assert "has format new version 9, written by lanewise 7.0.0; this lanewise" in said
+    assert len(said.splitlines()) == 1
+
+
+@pytest.mark.parametrize("text", ["[]", "3", "null"])
+def test_a_stored_test_is_an_object(place, tmp_path, text):
+    folder = shutil.copytree(place / "whole" / "stored test", tmp_path / "run")
+    (folder / "tests" / "lanewise.json").write_text(text)
+    with pytest.raises(RunError, match="is damaged; delete it"):
+        work.read_test(strangers_files.tested(folder), "lanewise")
+
+
+def test_a_policy_of_a_future_format_says_its_version(place, tmp_path):
+    """Whatever its arrays are by then."""
+    with np.load(place / "whole" / "exported policy, planned" / "policy.npz") as arrays:
+        found = dict(arrays)
+    about = json.loads(found.pop("about").item()) | FUTURE
+    np.savez(tmp_path / "p.npz", about=np.asarray(json.dumps(about)), half=np.zeros(3, np.float16))
+    with pytest.raises(numpy_policy.PolicyError) as caught:
+        numpy_policy.load(tmp_path / "p.npz")
+    assert "has format lanewise-policy version 9, written by lanewise 7.0.0; this" in str(
+        caught.value
+    )
 
 
 def test_a_stored_test_is_no_larger_than_one_can_be(place, tmp_path):

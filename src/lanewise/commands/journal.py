@@ -19,6 +19,8 @@ from lanewise.runs import lock
 from lanewise.runs.files import PARTIAL, OpenFolder, write_atomically
 
 _LARGEST = 1_000_000_000
+_FORMAT, _VERSION = "lanewise-sweep", 1
+"""Which a journal need not say."""
 _KINDS: dict[str, type] = {"Reach": Reach, "Outcome": Outcome}
 
 
@@ -113,7 +115,10 @@ def read(path: Path, identity: dict[str, Any]) -> tuple[bytes, list[Reach | Outc
         head, *lines = list(_whole_lines(content)) or [b""]
         if not head:
             raise ValueError("it holds no line")
-        if reading.json_value(head) != identity:
+        begun = reading.json_value(head)
+        if other := reading.other_format(begun, _FORMAT, _VERSION):
+            raise RunError(f"{path} {other}")
+        if begun != identity:
             raise RunError(
                 f"{path.parent} holds another sweep: continue with its options, or choose another"
             )

@@ -49,9 +49,11 @@ def _named(file: Path) -> str:
     """The experiment that a folder's file names."""
     try:
         found = reading.json_value(reading.contents(file, _LARGEST, links=False))
+        if other := reading.other_format(found, _FORMAT, 1):
+            raise RunError(f"{file} {other}")
         if not isinstance(found, dict) or found.keys() != {"format", "experiment"}:
             raise ValueError("it has other fields")
-        if found["format"] != _FORMAT or not isinstance(found["experiment"], str):
+        if not isinstance(found["experiment"], str):
             raise ValueError("it is of something else")
     except (ValueError, reading.UnreadableError) as error:
         raise RunError(

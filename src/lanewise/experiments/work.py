@@ -32,6 +32,8 @@ _LARGEST_TABLE, _LARGEST_SUMMARY = 64_000_000, 100_000
 """Bytes of a test's episodes and of what is said of them."""
 _LONGEST = 1e9
 """Seconds of a test, 30 years."""
+_FORMAT, _VERSION = "lanewise-test", 1
+"""Which a stored test need not say."""
 _FIELDS = {"summary", "seconds", "run", "episodes_sha256", "digest"}
 _AGAIN = "; delete it, and the test is driven again"
 
@@ -257,6 +259,8 @@ def _read_of(job: Job, file: Path) -> dict[str, Any]:
 def _read(file: Path) -> dict[str, Any]:
     try:
         stored: dict[str, Any] = reading.json_value(_contents(file, _LARGEST_SUMMARY))
+        if other := reading.other_format(stored, _FORMAT, _VERSION):
+            raise RunError(f"{file} {other}")
         counts = type(stored["summary"]["episodes"]) is int
         if not counts or type(stored["seconds"]) not in (int, float):
             raise ValueError("no numbers")

@@ -263,10 +263,10 @@ def _read_manifest(path: Path) -> dict[str, Any]:
         manifest = reading.json_value(_read_file(path, _LARGEST_MANIFEST))
     except ValueError as error:
         raise CheckpointError(f"{path} is damaged: not valid JSON") from error
-    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+    if not isinstance(manifest, dict) or "format" not in manifest:
         raise CheckpointError(f"{path} is not a manifest of lanewise")
-    if manifest.get("version") != VERSION:
-        raise CheckpointError(f"{path} has another format version; this lanewise reads {VERSION}")
+    if other := reading.other_format(manifest, FORMAT, VERSION):
+        raise CheckpointError(f"{path} {other}")
     fields = {"name": str, "sha256": str, "bytes": int, "settings_digest": str, "meta": dict}
     for name, kind in (fields | {"arrays": dict}).items():
         if type(manifest.get(name)) is not kind:

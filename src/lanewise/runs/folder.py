@@ -29,7 +29,7 @@ from typing import Any
 
 from lanewise import config, cores, crosschecks, reading
 from lanewise.errors import RunError, SettingsError, brief
-from lanewise.ranges import SEEDS, show
+from lanewise.ranges import SEEDS
 from lanewise.runs import lock
 from lanewise.runs.files import PARTIAL, OpenFolder, write_atomically
 from lanewise.settings import Settings
@@ -275,11 +275,10 @@ def _read_manifest(path: Path) -> dict[str, Any]:
         raise RunError(f"{file} is damaged: {error}") from error
     except ValueError as error:
         raise RunError(f"{file} is damaged: not valid JSON") from error
-    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+    if not isinstance(manifest, dict) or "format" not in manifest:
         raise RunError(f"{file} does not describe a run")
-    if manifest.get("version") != VERSION:
-        version = show(manifest.get("version"))
-        raise RunError(f"{file} has format version {version}; this lanewise reads {VERSION}")
+    if other := reading.other_format(manifest, FORMAT, VERSION):
+        raise RunError(f"{file} {other}")
     _check_identity(file, manifest)
     return manifest
 
