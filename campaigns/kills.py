@@ -39,8 +39,8 @@ from lanewise.runs import checkpoint, files
 DIGEST, KEPT = "d" * 64, 2
 FIRST = 3
 """So many checkpoints are there before anything goes wrong."""
-CALLS = ("open", "write", "fsync", "replace")
-"""Of `lanewise.runs.files` to the system; removals and new folders go through Path."""
+CALLS = ("open", "write", "fsync", "replace", "unlink")
+"""Of `lanewise.runs.files` to the system; new folders go through Path."""
 ERRORS = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EROFS, errno.EMFILE)
 LIMITS = (0, 1, 1000, 100_000, 1_000_000)
 """Bytes a file may have."""
@@ -138,7 +138,6 @@ def at_call(number, action):
     def lay():
         for name in CALLS:
             setattr(files.os, name, wrap(getattr(os, name)))
-        Path.unlink = wrap(Path.unlink)
 
     return lay
 

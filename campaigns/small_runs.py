@@ -92,3 +92,8 @@ def resume(path, reporter=None):
 def results(path, names=("controller.safetensors", "metrics.jsonl", "episodes.csv", "chunks.csv")):
     """The bytes of what a training leaves that must never differ."""
     return {name: (path / name).read_bytes() for name in names}
+
+
+def everything(path):
+    """The bytes of every file below a folder, and None for the folders, by path."""
+    return {each: each.read_bytes() if each.is_file() else None for each in sorted(path.rglob("*"))}

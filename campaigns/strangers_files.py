@@ -20,6 +20,7 @@ from lanewise.experiments import experiment, work
 from lanewise.export import contents, formats
 from lanewise.progress import Progress
 from lanewise.runs import checkpoint, resume, train, trained, tree
+from lanewise.runs.files import OpenFolder
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.metrics import MetricsWriter
 from lanewise.runs.trained import Trained
@@ -331,12 +332,12 @@ def _tested(path, seed):
     path.mkdir()
     (path / work.SETTINGS).write_text(config.dump_toml(Settings()))
     run = work._origin(tested(path))
-    work._store(path, "hierarchical", "lanewise", _episodes(seed), 1.5, run)
+    work._store(OpenFolder(path), "hierarchical", "lanewise", _episodes(seed), 1.5, run)
 
 
 def _sweep(path, seed):
     book = journal.open_(path, IDENTITY if seed == WHOLE_SEED else IDENTITY | {"seed": seed})
-    with book.file:
+    with book.folder, book.file:
         book.add([Reach(True, True, bool(n % 2), "0123" * n, n + seed) for n in range(4)])
         book.add([Outcome(20, 18, 1, 1, 0, 12.5 + n, 9.25 + seed) for n in range(4)])
 

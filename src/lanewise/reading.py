@@ -15,12 +15,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from lanewise.errors import LanewiseError
+from lanewise.errors import LanewiseError, brief
+from lanewise.version import __version__
 
 _DEEPEST = 32
 """Lists and objects inside one another; ours need 4."""
-_ENDLESS = re.compile(rb"^([^=\n]+)=[^\n]*?[0-9_]{4000}", re.MULTILINE)
-"""A line that sets something to a number of thousands of digits."""
+_DIGITS, _ENDLESS = re.compile(rb"[0-9_]+"), 4000
+"""A number, and how many digits are out of every range."""
 _MOST_DOTS = 32
 """In a line of TOML. Reading a dotted key takes time with the square of its parts."""
 
@@ -113,18 +114,51 @@ def toml_table(data: bytes) -> dict[str, Any]:
     """
     try:
         text = data.decode("utf-8")
-        if any(line.count(".") > _MOST_DOTS for line in text.splitlines()):
+        # A line of TOML ends with a line feed alone, and so a key may run on over any other end.
+        if any(line.count(".") > _MOST_DOTS for line in text.split("\n")):
             raise ValueError(f"a line has more than {_MOST_DOTS} dots")
         return tomllib.loads(text)
     except UnicodeDecodeError as cause:
         raise ValueError("not UTF-8 text") from cause
     except (ValueError, RecursionError) as cause:
-        if endless := _ENDLESS.search(data):
-            name = endless[1].decode("utf-8", "replace").strip()[:80]
+        if name := _endless(data):
             raise ValueError(
                 f"{name}: a whole number of so many digits is out of every range"
             ) from cause
         raise ValueError(" ".join(str(cause).split())[:120]) from cause
+
+
+def other_format(document: Any, name: str, version: int) -> str:
+    """Says which format a document is of, if it is not the one that is wanted; otherwise nothing.
+
+    Args:
+        document: what was read; where it names no format or version, it is of ``name`` or of the
+            first version.
+        name: the wanted format.
+        version: the wanted version of it.
+    """
+    if not isinstance(document, dict):
+        return ""
+    found, number = document.get("format", name), document.get("version", 1)
+    if found == name and type(number) is int and number == version:
+        return ""
+    called = "format version" if found == name else f"format {brief(found)} version"
+    by = f", written by lanewise {brief(document['lanewise'])}" if "lanewise" in document else ""
+    wanted = version if found == name else f"{name} version {version}"
+    return (
+        f"has {called} {brief(number)}{by}; this lanewise ({__version__}) reads {wanted}: "
+        "use the one that wrote it, or a newer one"
+    )
+
+
+def _endless(data: bytes) -> str:
+    """What a line of TOML sets to a number of thousands of digits; empty where none does."""
+    for number in _DIGITS.finditer(data):
+        if number.end() - number.start() >= _ENDLESS:
+            line = data[data.rfind(b"\n", 0, number.start()) + 1 : number.start()]
+            name, equals, _ = line.partition(b"=")
+            return name.decode("utf-8", "replace").strip()[:80] if equals else ""
+    return ""
 
 
 def digest(document: Mapping[str, Any], field: str = "digest") -> str:

@@ -28,7 +28,7 @@ def full_disk():
 
 def begin(path):
     book = journal.open_(path, IDENTITY)
-    with book.lock, book.file:
+    with book.folder, book.file:
         book.add([Reach(True, True, True, "01", 2)])
     return journal.read(path, IDENTITY)[1]
 
@@ -37,7 +37,7 @@ def test_a_disk_full_at_the_first_byte_leaves_nothing_in_the_way(tmp_path):
     path = tmp_path / "map" / "progress.jsonl"
     with full_disk(), pytest.raises(OSError, match="File too large"):
         journal.open_(path, IDENTITY)
-    assert os.listdir(path.parent) == [lock.NAME]
+    assert os.listdir(path.parent) == []
     assert len(begin(path)) == 1
 
 
@@ -45,7 +45,7 @@ def test_what_a_kill_leaves_of_a_beginning_is_not_in_the_way(tmp_path):
     path = tmp_path / "progress.jsonl"
     (tmp_path / (path.name + PARTIAL)).write_text('{"kind"')
     assert len(begin(path)) == 1
-    assert sorted(os.listdir(tmp_path)) == [lock.NAME, path.name]
+    assert sorted(os.listdir(tmp_path)) == [path.name]
 
 
 @pytest.mark.parametrize("text", ["", '{"kind": "Swe'])
@@ -66,5 +66,5 @@ def test_one_begun_just_before_the_lock_was_had_is_kept(tmp_path, monkeypatch):
         return acquire(*arguments)
 
     monkeypatch.setattr(lock, "acquire", late)
-    with journal.open_(path, IDENTITY).lock:
+    with journal.open_(path, IDENTITY).folder:
         assert len(journal.read(path, IDENTITY)[1]) == 1

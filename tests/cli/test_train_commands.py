@@ -3,6 +3,8 @@
 import csv
 import json
 import os
+import shutil
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -13,9 +15,12 @@ from lanewise.cli import main
 from lanewise.commands import sweep
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import drive
+from lanewise.evaluation import sweep as drives
+from lanewise.evaluation.grid import CAUSES, Outcome, Reach
 from lanewise.report import files
 from lanewise.report import sweep as maps
 from lanewise.runs import lender, lock
+from lanewise.runs.files import OpenFolder
 from lanewise.settings import Settings
 from lanewise.training import recipe
 
@@ -199,22 +204,66 @@ def test_sweep_refuses_before_it_works(run, tmp_path, capsys):
     with lock.held(tmp_path / "busy", "sweeping"):
         assert main(sweep_words(run, tmp_path / "busy")) == 2
     assert "busy is in use: another process is sweeping in it" in capsys.readouterr().err
-    assert [path.name for path in (tmp_path / "busy").iterdir()] == [lock.NAME]
+    assert list((tmp_path / "busy").iterdir()) == []
     (tmp_path / "note").write_text("mine")
     assert main(sweep_words(run, tmp_path)) == 2
     assert "holds no sweep" in capsys.readouterr().err
+
+
+def removed(out):
+    shutil.rmtree(out)
+
+
+def moved(out):
+    out.rename(out.with_name("elsewhere"))
+
+
+def replaced(out):
+    removed(out)
+    out.mkdir()
+    (out / sweep.JOURNAL).write_text("another's")
+
+
+@pytest.mark.parametrize(
+    ("change", "late"), [(removed, False), (moved, False), (replaced, False), (replaced, True)]
+)
+def test_a_sweep_writes_into_no_other_folder(run, tmp_path, monkeypatch, capsys, change, late):
+    out, draw, left = tmp_path / "map", maps.write_sweep, {}
+
+    def break_in():
+        change(out)
+        left.update(small_runs.everything(tmp_path))
+
+    def drive_all(*arguments):
+        if not late:
+            break_in()
+        yield [Outcome(2, 2, *[0] * len(CAUSES), 8.0, 10.0)]
+
+    def draw_all(*arguments):
+        break_in()
+        return draw(*arguments)
+
+    monkeypatch.setattr(drives, "reach", lambda *_: [Reach(True, True, True, "0", 1)])
+    monkeypatch.setattr(drives, "run", drive_all)
+    if late:
+        monkeypatch.setattr(maps, "write_sweep", draw_all)
+    assert main(sweep_words(run, out, ego_speed="9", lanes="3", spacing="25")) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert f"lanewise: error: {out} was moved, removed or replaced" in said[-2]
+    assert small_runs.everything(tmp_path) == left
 
 
 def test_the_last_line_names_a_folder_that_no_text_can(tmp_path, monkeypatch, capsys):
     """Names of files are bytes; standard output takes UTF-8 alone."""
     out = tmp_path / os.fsdecode(b"caf\xe9")
     out.mkdir()
-    (out / sweep.JOURNAL).touch()
-    monkeypatch.setattr(maps, "write_sweep", lambda out, found: out / "map.md")
+    monkeypatch.setattr(maps, "write_sweep", lambda out, found: Path(out) / "map.md")
     monkeypatch.setattr(maps, "table", lambda cells: "")
     folder = SimpleNamespace(controller="planned", seed=0, settings=Settings())
     command = SimpleNamespace(out=out, episodes=1, seed=0, clearance=0.1)
-    sweep._report(command, SimpleNamespace(points=list), folder, SimpleNamespace())
+    sweep._report(
+        command, SimpleNamespace(points=list), folder, SimpleNamespace(folder=OpenFolder(out))
+    )
     assert capsys.readouterr().out.endswith("caf\\udce9/map.md\n")
 
 

@@ -1,13 +1,14 @@
 """Whose a folder is: nothing of anybody else's is written over by a reproduction."""
 
 import os
+import shutil
 
 import pytest
 
 from lanewise.cli import main
 from lanewise.errors import RunError
 from lanewise.experiments import experiment, folder, reporting, schedule, work
-from lanewise.runs import lock
+from lanewise.runs.files import OpenFolder
 
 QUICK = experiment.load("quick")
 
@@ -66,7 +67,6 @@ def test_a_folder_of_something_else_is_refused_and_untouched(
     assert error.startswith("lanewise: error: ")
     assert said in error
     assert everything(out) == before
-    assert not (out / lock.NAME).exists()
 
 
 def test_a_folder_says_whose_it_is_and_is_continued(tmp_path, stopped):
@@ -75,7 +75,7 @@ def test_a_folder_says_whose_it_is_and_is_continued(tmp_path, stopped):
         make(tmp_path, *([name] if name.endswith("/") else []))
         assert main(command(out)) == 130
         written = everything(out)
-        assert sorted(path.name for path in written) == [folder.NAME, lock.NAME]
+        assert sorted(path.name for path in written) == [folder.NAME]
         assert main(command(out, "--seeds", "2", "--only", "single-level")) == 130
         assert everything(out) == written
     assert (tmp_path / "new" / folder.NAME).read_bytes() == (out / folder.NAME).read_bytes()
@@ -114,7 +114,14 @@ def test_what_began_just_before_the_lock_was_had_is_respected(tmp_path, stopped,
         ("", "does not name an experiment: Expecting value"),
         ("[]", "it has other fields"),
         ('{"experiment": "quick"}', "it has other fields"),
-        ('{"format": "lanewise-run", "experiment": "quick"}', "it is of something else"),
+        (
+            '{"format": "lanewise-run", "version": 2, "experiment": "quick"}',
+            "has format lanewise-run version 2; this lanewise .* lanewise-experiment version 1",
+        ),
+        (
+            '{"format": "lanewise-experiment", "version": 9, "lanewise": "7.0.0", "name": "quick"}',
+            "has format version 9, written by lanewise 7.0.0; this lanewise .* reads 1",
+        ),
         ('{"format": "lanewise-experiment", "experiment": 3}', "it is of something else"),
         ('{"format": "lanewise-experiment", "experiment": "quick", "a": 1}', "other fields"),
         ('{"format": "lanewise-experiment", "experiment": "\\u001b[2J"}', r'"\\x1b\[2J", not'),
@@ -130,7 +137,7 @@ def test_what_a_folder_says_is_read_as_a_strangers(tmp_path, text, said):
 
 
 def test_a_name_that_leads_elsewhere_is_not_followed(tmp_path):
-    folder.mark(tmp_path, QUICK)
+    folder.mark(OpenFolder(tmp_path), QUICK)
     out = tmp_path / "out"
     out.mkdir()
     (out / folder.NAME).symlink_to(tmp_path / folder.NAME)
@@ -147,7 +154,53 @@ def test_the_last_line_names_a_folder_that_no_text_can(tmp_path, monkeypatch, ca
     out = tmp_path / os.fsdecode(b"caf\xe9")
     monkeypatch.setattr(schedule, "run", lambda *arguments: {})
     monkeypatch.setattr(
-        reporting, "write", lambda out, *more, **others: (out / "report.md", "table\n")
+        reporting, "write", lambda out, *more, **others: (out.path / "report.md", "table\n")
     )
     assert main(command(out)) == 0
     assert capsys.readouterr().out.endswith("caf\\udce9/report.md\n")
+
+
+def removed(out):
+    shutil.rmtree(out)
+
+
+def moved(out):
+    out.rename(out.with_name("elsewhere"))
+
+
+def replaced(out):
+    removed(out)
+    make(out, "experiment.json", "report.md", "runs/hierarchical/seed-0/run.json")
+
+
+@pytest.mark.parametrize("change", [removed, moved, replaced])
+def test_a_report_is_written_into_no_other_folder(tmp_path, monkeypatch, capsys, change):
+    """Changed while the jobs are done, or while the report is drawn."""
+
+    def write_all(place, *arguments):
+        (place / "figures").mkdir()
+        for name in ("figures/a.png", "report.json", reporting.REPORT):
+            (place / name).write_text("new")
+        return "table"
+
+    monkeypatch.setattr(reporting, "_draw", write_all)
+    for late in (False, True):
+        out = tmp_path / str(late) / "out"
+        left = {}
+
+        def break_in(*arguments, out=out, left=left, **others):
+            change(out)
+            left.update(everything(out.parent))
+            return {}
+
+        with monkeypatch.context() as patch:
+            if late:
+                patch.setattr(schedule, "run", lambda *arguments: {})
+                patch.setattr(reporting, "_draw", lambda *a: (write_all(*a), break_in())[0])
+            else:
+                patch.setattr(schedule, "run", break_in)
+            assert main(command(out)) == 2
+        said = capsys.readouterr().err.splitlines()
+        assert f"lanewise: error: {out} was moved, removed or replaced" in said[-2]
+        assert everything(out.parent) == left
+        assert list(out.parent.glob("*/figures")) == []

@@ -2,6 +2,7 @@
 
 import io
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,7 +18,8 @@ import pytest
 
 from lanewise.errors import RunError
 from lanewise.experiments import experiment, results, schedule, work
-from lanewise.runs import trained
+from lanewise.runs import lock, trained
+from lanewise.runs.files import OpenFolder
 from lanewise.runs.folder import RunFolder
 from lanewise.training import recipe
 
@@ -72,17 +74,17 @@ def test_jobs_are_arms_times_seeds(tiny, tmp_path):
     assert [job.trains for job in jobs] == [True] * 4 + [False]
 
 
-def test_none_begins_before_the_one_it_borrows_from(tiny, monkeypatch):
+def test_none_begins_before_the_one_it_borrows_from(tiny, tmp_path, monkeypatch):
     _, jobs = tiny
     order = []
 
-    def fake(job, interval, ending):
+    def fake(job, interval, ending, out):
         order.append(job.label)
         return {job.label: 1.0}
 
     monkeypatch.setattr(schedule, "_work", fake)
     with ThreadPoolExecutor(1) as pool:
-        done = [job.label for job, _ in schedule._completed(pool, jobs, 1)]
+        done = [job.label for job, _ in schedule._completed(pool, jobs, 1, OpenFolder(tmp_path))]
     assert done == order
     assert len(order) == 5
     for seed in (5, 6):
@@ -90,18 +92,19 @@ def test_none_begins_before_the_one_it_borrows_from(tiny, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_whole_tiny_experiment_is_done_once(tiny):
+def test_a_whole_tiny_experiment_is_done_once(tiny, tmp_path):
     """Trained, tested, collected; a second run finds nothing to do."""
     found, jobs = tiny
     jobs = [job for job in jobs if job.seed == 5]
     log = io.StringIO()
-    times = schedule.run(jobs, 1, log)
+    out = OpenFolder(tmp_path)
+    times = schedule.run(jobs, 1, log, out)
     assert "[3/3]" in log.getvalue()
     assert sum(name.startswith("train") for name in times) == 2
     assert all(job.done for job in jobs)
     before = {path: path.stat().st_mtime_ns for path in jobs[0].path.parents[1].rglob("*.json")}
     again = io.StringIO()
-    assert schedule.run(jobs, 1, again) == {}
+    assert schedule.run(jobs, 1, again, out) == {}
     assert "3 of 3 done before" in again.getvalue()
     assert before == {path: path.stat().st_mtime_ns for path in before}
 
@@ -116,7 +119,9 @@ def test_a_whole_tiny_experiment_is_done_once(tiny):
     assert collected[2].seeds[0].lines == []
     # More episodes are a new test; the training stays.
     more = [replace(jobs[2], episodes={"lanewise": 3})]
-    assert list(schedule.run(more, 1, io.StringIO())) == ["test rule-based, seed 5 in lanewise"]
+    assert list(schedule.run(more, 1, io.StringIO(), out)) == [
+        "test rule-based, seed 5 in lanewise"
+    ]
 
     (jobs[0].path / "tests" / "lanewise.json").write_text("{")
     with pytest.raises(RunError, match="delete it"):
@@ -134,7 +139,7 @@ def test_other_settings_are_refused_before_any_work(tiny):
         work.check(changed[2])
 
 
-def test_an_interrupted_run_that_took_over_step_1_goes_on_without_it(tiny, monkeypatch):
+def test_an_interrupted_run_that_took_over_step_1_goes_on_without_it(tiny, tmp_path, monkeypatch):
     """It has the step already; asked to take it over again, the training would refuse."""
     _, jobs = tiny
     asked = []
@@ -150,7 +155,7 @@ def test_an_interrupted_run_that_took_over_step_1_goes_on_without_it(tiny, monke
     monkeypatch.setattr(work, "train", interrupted)
     for _ in range(2):
         with pytest.raises(KeyboardInterrupt):
-            work.run(jobs[0], work.Progress(stream=io.StringIO()))
+            work.run(jobs[0], work.Progress(stream=io.StringIO()), OpenFolder(tmp_path))
     assert asked == [jobs[0].high_level, None]
 
 
@@ -184,7 +189,8 @@ def test_a_program_compiled_elsewhere_gives_the_same_bits(tiny, tmp_path, monkey
     for name in ("first", "second"):
         jobs = results.jobs(found, tmp_path / name, 5, "trap-10", TINY)
         planned = next(job for job in jobs if job.label == "planned, seed 5")
-        schedule.run([planned], 1, io.StringIO())
+        (tmp_path / name).mkdir()
+        schedule.run([planned], 1, io.StringIO(), OpenFolder(tmp_path / name))
         weights = trained.load(planned.path).parameters
         metrics = RunFolder.open(planned.path).metrics.read_bytes()
         written.append((metrics, [leaf.tobytes() for leaf in jax.tree.leaves(weights)]))
@@ -226,6 +232,7 @@ import signal, sys, time
 from dataclasses import dataclass
 from pathlib import Path
 from lanewise.experiments import schedule, work
+from lanewise.runs.files import OpenFolder
 
 @dataclass(frozen=True)
 class Job:
@@ -237,7 +244,7 @@ class Job:
     def label(self):
         return self.path.name
 
-def run(job, reporter):
+def run(job, reporter, out):
     (job.path / "begun").touch()
     try:
         time.sleep(60 if job.label == "long" else 0)
@@ -253,7 +260,8 @@ if __name__ == "__main__":
     # Whoever started the tests in the background may have told them to ignore Ctrl-C.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        schedule.run([Job(Path("long")), Job(Path("short"))], 2, sys.stderr)
+        jobs = [Job(Path("long")), Job(Path("short"))]
+        schedule.run(jobs, 2, sys.stderr, OpenFolder(Path.cwd()))
     except KeyboardInterrupt:
         print("interrupted")
 """
@@ -298,14 +306,61 @@ def until(text, stream):
     pytest.fail(f"ended without {text!r}")
 
 
-def test_a_reference_driver_tested_otherwise_is_refused(tiny):
+def test_a_reference_driver_tested_otherwise_is_refused(tiny, tmp_path):
     _, jobs = tiny
     (job,) = (each for each in jobs if not each.trains)
     scenario = replace(job.settings.scenario, trap_speed=9.0)
-    work.run(job, work.Progress(stream=io.StringIO()))
+    work.run(job, work.Progress(stream=io.StringIO()), OpenFolder(tmp_path))
     work.check(job)
     with pytest.raises(RunError, match=r"other settings: there scenario\.trap_speed is 10\.0"):
         work.check(replace(job, settings=replace(job.settings, scenario=scenario)))
+
+
+def removed(out):
+    shutil.rmtree(out)
+
+
+def moved(out):
+    out.rename(out.with_name("elsewhere"))
+
+
+def replaced(out):
+    """Whoever comes next has begun the same job."""
+    removed(out)
+    (out / "runs" / "rule-based" / "seed-5").mkdir(parents=True)
+
+
+@pytest.mark.parametrize("change", [removed, moved, replaced])
+@pytest.mark.parametrize("late", [False, True], ids=["before", "during"])
+def test_a_job_writes_into_no_other_folder(tmp_path, monkeypatch, change, late):
+    """Be it changed before the job begins or while it is tested."""
+    out, left = tmp_path / "out", []
+    jobs = results.jobs(experiment.parse("tiny", TEXT), out, 5, "trap-10", TINY)
+    (job,) = (each for each in jobs if not each.trains)
+
+    def break_in(*arguments):
+        change(out)
+        left.extend(sorted(tmp_path.rglob("*")))
+
+    monkeypatch.setattr(work.testing, "test", break_in)
+    with lock.held(out, "reproducing") as held:
+        if not late:
+            break_in()
+        with pytest.raises(RunError, match="out was moved, removed or replaced"):
+            work.run(job, work.Progress(stream=io.StringIO()), held)
+    assert sorted(tmp_path.rglob("*")) == left
+
+
+@pytest.mark.parametrize("change", [removed, moved, replaced])
+def test_a_training_of_an_experiment_begins_in_no_other_folder(tmp_path, change):
+    out = tmp_path / "out"
+    jobs = results.jobs(experiment.parse("tiny", TEXT), out, 5, "trap-10", TINY)
+    with lock.held(out, "reproducing") as held:
+        change(out)
+        left = sorted(tmp_path.rglob("*"))
+        with pytest.raises(RunError, match="out was moved, removed or replaced"):
+            work.run(jobs[2], work.Progress(stream=io.StringIO()), held)
+    assert sorted(tmp_path.rglob("*")) == left
 
 
 WITHOUT_HIGHWAY_ENV = """

@@ -13,6 +13,7 @@ from lanewise import config, reading
 from lanewise.errors import RunError
 from lanewise.experiments import experiment, results, work
 from lanewise.runs import trained
+from lanewise.runs.files import OpenFolder
 from lanewise.runs.folder import RunFolder
 from lanewise.training import recipe
 
@@ -45,7 +46,7 @@ def finish(job, weight):
         (job.path / work.SETTINGS).write_text(config.dump_toml(job.settings))
     for world in job.episodes:
         run = work._origin(job)
-        work._store(job.path, job.controller, world, _episodes(job.seed), 1.5, run)
+        work._store(OpenFolder(job.path), job.controller, world, _episodes(job.seed), 1.5, run)
 
 
 @pytest.fixture
@@ -146,13 +147,13 @@ def test_a_summary_that_names_no_run_is_refused(jobs, summary):
         _ = job.done
 
 
-def test_settings_of_a_reference_driver_stay_as_they_were_written(jobs):
+def test_settings_of_a_reference_driver_stay_as_they_were_written(jobs, tmp_path):
     """A later version writes the same ones in other bytes; the tests would no longer fit."""
     job = jobs["rule-based, seed 0"]
     file = job.path / work.SETTINGS
     before = dataclasses.replace(job, episodes={"highway-env": 40})
     file.write_text("# from before\n" + file.read_text())
     sign(job.path / work.TESTS / "highway-env.json", run=work._origin(job))
-    work.run(before, work.Progress())
+    work.run(before, work.Progress(), OpenFolder(tmp_path))
     assert file.read_text().startswith("# from before")
     assert before.done

@@ -129,7 +129,7 @@ def altered(files, tmp_path, **changes):
     ],
 )
 def test_altered_files_are_refused(files, tmp_path, changes):
-    with pytest.raises(ValueError, match=r"altered.npz (is no policy|has another)"):
+    with pytest.raises(ValueError, match=r"altered.npz (is no policy|has format another)"):
         load(altered(files, tmp_path, **changes))
 
 

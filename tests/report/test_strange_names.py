@@ -14,6 +14,7 @@ from lanewise.errors import LanewiseError, SettingsError, brief, printable
 from lanewise.experiments import experiment, reporting, results, work
 from lanewise.report import training_curves
 from lanewise.report.escape import cell, code, line
+from lanewise.runs.files import OpenFolder
 
 STRANGE = (
     "<script>alert(1)</script>",
@@ -108,7 +109,9 @@ def made(tmp_path, monkeypatch):
     )
     command = "lanewise reproduce --out '" + "".join(STRANGE) + "\udce4'"
     collected = results.collect(found, jobs)
-    path, text = reporting.write(tmp_path, found, collected, command, {"everything": 1.0})
+    path, text = reporting.write(
+        OpenFolder(tmp_path), found, collected, command, {"everything": 1.0}
+    )
     return path.parent, text
 
 

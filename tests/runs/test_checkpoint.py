@@ -267,11 +267,11 @@ def test_a_kill_at_any_step_leaves_a_whole_checkpoint(stored, monkeypatch, step)
     left = [step]
 
     def killed_in_time(function):
-        def wrapper(*arguments):
+        def wrapper(*arguments, **named):
             if left[0] == 0:
                 raise KilledError
             left[0] -= 1
-            return function(*arguments)
+            return function(*arguments, **named)
 
         return wrapper
 

@@ -93,7 +93,12 @@ def test_a_missing_run_says_what_was_looked_for(tmp_path, operation):
         ("run.json", "[" * 50_000, "not valid JSON"),
         ("run.json", "[]", "does not describe a run"),
         ("run.json", " " * 200_000, "too large"),
-        ("run.json", '{"format": "lanewise-run", "version": 9}', "format version 9"),
+        ("run.json", '{"format": "lanewise-run", "version": 9}', "has format version 9; this"),
+        (
+            "run.json",
+            '{"format": "lanewise-run-3", "lanewise": "7.0.0"}',
+            "has format lanewise-run-3 version 1, written by lanewise 7.0.0; this",
+        ),
         ("run.json", '{"format": "lanewise-run", "version": 2}', "no controller or seed"),
         ("settings.toml", "", "altered after the run was made|other"),
         ("settings.toml", "[scenario]\nlanes = 0\n", "scenario.lanes must be between"),
@@ -137,6 +142,32 @@ def test_the_lock_is_exclusive_within_a_process_too(run):
     with RunFolder.resume(run), pytest.raises(RunError, match="is in use"):
         RunFolder.resume(run)
     RunFolder.resume(run).close()
+
+
+def test_a_lock_file_that_is_deleted_lets_nobody_in(run):
+    with RunFolder.resume(run):
+        (run / "lock").unlink(missing_ok=True)
+        with pytest.raises(RunError, match="is in use: another process is training in it"):
+            RunFolder.resume(run)
+        for file in run.iterdir():
+            file.unlink()
+        with pytest.raises(RunError, match="is in use"):
+            RunFolder.create(run, Settings(), "hierarchical", 3)
+
+
+def test_settings_of_the_users_own_are_not_written_over(tmp_path):
+    """`train --settings DIR/settings.toml --out DIR`; a run half made looks different."""
+    (tmp_path / "settings.toml").write_text("# mine")
+    with pytest.raises(RunError, match="not empty and holds no run"):
+        RunFolder.create(tmp_path, Settings(), "hierarchical", 3)
+    assert (tmp_path / "settings.toml").read_text() == "# mine"
+
+
+def test_no_run_is_made_inside_another(run):
+    before = sorted(run.rglob("*"))
+    with pytest.raises(RunError, match=r"inside.* belongs to the run in .*run; choose another"):
+        RunFolder.create(run / "inside", Settings(), "hierarchical", 3)
+    assert sorted(run.rglob("*")) == before
 
 
 def test_a_run_from_before_a_setting_is_still_read(tmp_path):

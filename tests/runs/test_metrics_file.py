@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from lanewise.errors import RunError
-from lanewise.runs import metrics
+from lanewise.runs import files
 from lanewise.runs.metrics import MetricsWriter, keep_copy, read, settled_at, settled_episode
 
 
@@ -60,7 +60,7 @@ def test_a_full_disk_leaves_the_metrics_and_no_half_of_a_copy(tmp_path, monkeypa
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(metrics.shutil, "copyfileobj", full)
+    monkeypatch.setattr(files.os, "write", full)
     with pytest.raises(OSError, match="No space left"):
         keep_copy(path, 0)
     assert [file.read_text() for file in tmp_path.iterdir()] == ["one"]

@@ -3,14 +3,20 @@
 import json
 import os
 import shutil
+import sys
+import tracemalloc
+from contextlib import suppress
 
+import numpy as np
 import pytest
 import strangers_files
 
 from lanewise import config, reading
 from lanewise.errors import CheckpointError, LanewiseError, RunError, SettingsError
 from lanewise.experiments import experiment, work
+from lanewise.export import numpy_policy
 from lanewise.runs import resume, trained, views
+from lanewise.runs.files import OpenFolder
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.metrics import MetricsWriter
 from lanewise.settings import Settings
@@ -34,7 +40,7 @@ def place(tmp_path_factory):
 @pytest.mark.parametrize(
     "name",
     [
-        *("run.json", "settings.toml", "lock", "metrics.jsonl", "timings.jsonl", "episodes.csv"),
+        *("run.json", "settings.toml", "metrics.jsonl", "timings.jsonl", "episodes.csv"),
         *("chunks.csv", "checkpoints", "stages", "tensorboard", "diverged"),
     ],
 )
@@ -69,12 +75,12 @@ def test_a_second_name_of_a_table_keeps_what_it_has(tmp_path):
     kept = tmp_path / "backup.csv"
     kept.write_text("precious")
     os.link(kept, tmp_path / views.FILES["chunk"])
-    views.Table(tmp_path, "chunk").close()
+    views.Table(OpenFolder(tmp_path), "chunk").close()
     assert kept.read_text() == "precious"
     assert (tmp_path / views.FILES["chunk"]).read_text().startswith("stage,")
 
 
-@pytest.mark.parametrize("name", ["lock", "metrics.jsonl", "settings.toml"])
+@pytest.mark.parametrize("name", ["metrics.jsonl", "settings.toml"])
 def test_a_pipe_is_not_waited_for(run, name):
     (run / name).unlink(missing_ok=True)
     os.mkfifo(run / name)
@@ -172,6 +178,62 @@ def test_a_stored_test_signed_anew_is_checked_all_the_same(place, tmp_path, chan
         work.read_test(strangers_files.tested(tmp_path), "lanewise")
 
 
+FUTURE = {"version": 9, "lanewise": "7.0.0"}
+
+
+def load_altered(place, target, file, changes, tmp_path):
+    """What is said of a file of JSON, or of one with a line of it, after some changes."""
+    folder = shutil.copytree(place / "whole" / target, tmp_path / target)
+    head, *lines = (folder / file).read_text().splitlines() if "jsonl" in file else [None]
+    document = json.loads(head or (folder / file).read_text()) | changes
+    (folder / file).write_text("\n".join([json.dumps(document), *lines]) + "\n")
+    load = next(each.load for each in strangers_files.TARGETS if each.name == target)
+    with pytest.raises(LanewiseError) as caught:
+        load(folder)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("target", "file"),
+    [
+        ("finished run", "run/run.json"),
+        ("finished run", "run/controller.json"),
+        ("stopped run", "run/checkpoints/stage-01-chunk-00000003.json"),
+        ("stopped run", "run/stages/step-1.json"),
+        ("stored test", "tests/lanewise.json"),
+        ("journal of a sweep", "progress.jsonl"),
+    ],
+)
+def test_what_is_of_a_future_format_says_its_version(place, tmp_path, target, file):
+    said = load_altered(place, target, file, FUTURE, tmp_path / "a")
+    assert f"{file.split('/')[-1]} has format version 9, written by lanewise 7.0.0; this" in said
+    assert said.endswith("use the one that wrote it, or a newer one")
+    said = load_altered(place, target, file, FUTURE | {"format": "new"}, tmp_path / "b")
+    assert "has format new version 9, written by lanewise 7.0.0; this lanewise" in said
+    assert len(said.splitlines()) == 1
+
+
+@pytest.mark.parametrize("text", ["[]", "3", "null"])
+def test_a_stored_test_is_an_object(place, tmp_path, text):
+    folder = shutil.copytree(place / "whole" / "stored test", tmp_path / "run")
+    (folder / "tests" / "lanewise.json").write_text(text)
+    with pytest.raises(RunError, match="is damaged; delete it"):
+        work.read_test(strangers_files.tested(folder), "lanewise")
+
+
+def test_a_policy_of_a_future_format_says_its_version(place, tmp_path):
+    """Whatever its arrays are by then."""
+    with np.load(place / "whole" / "exported policy, planned" / "policy.npz") as arrays:
+        found = dict(arrays)
+    about = json.loads(found.pop("about").item()) | FUTURE
+    np.savez(tmp_path / "p.npz", about=np.asarray(json.dumps(about)), half=np.zeros(3, np.float16))
+    with pytest.raises(numpy_policy.PolicyError) as caught:
+        numpy_policy.load(tmp_path / "p.npz")
+    assert "has format lanewise-policy version 9, written by lanewise 7.0.0; this" in str(
+        caught.value
+    )
+
+
 def test_a_stored_test_is_no_larger_than_one_can_be(place, tmp_path):
     """Millions of small things would be read one by one before they are refused."""
     tests = tmp_path / "tests"
@@ -191,7 +253,7 @@ def test_tests_are_neither_written_nor_read_through_a_link(place, tmp_path):
     for use in (
         lambda: work.read_test(job, "lanewise"),
         lambda: work.is_tested(job, "lanewise", 40),
-        lambda: work._store(job.path, "hierarchical", "lanewise", episodes, 1.5, {}),
+        lambda: work._store(OpenFolder(job.path), "hierarchical", "lanewise", episodes, 1.5, {}),
     ):
         with pytest.raises(RunError, match=r"cannot use .*tests: not a folder; delete it"):
             use()
@@ -229,6 +291,73 @@ HEAD = 'title = "t"\nepisodes = 1\nhighway_env_episodes = 0\n'
 def test_experiments_that_take_for_ever_are_refused_at_once(text, says):
     with pytest.raises(SettingsError, match=says):
         experiment.parse("x", text)
+
+
+SIZE = 10_000
+LINES_A_BYTE, MEMORY_A_BYTE = 150, 700
+"""What reading may take: lines of Python and bytes; what grows with the square takes far more."""
+LONG = {
+    **{
+        f"a key over what is no line end, {ord(end):#x}": f'"{end}".' * (SIZE // 5) + "a = 1"
+        for end in "\x85\u2028\u2029"
+    },
+    "a dotted key": "a." * (SIZE // 2) + "a = 1",
+    "dotted keys in a deep table": "[" + ".".join("a" * 33) + "]\n"
+    + "".join(f"a{n}." + ".".join("b" * 32) + " = 1\n" for n in range(SIZE // 75)),
+    "deep tables": "".join(f"[a{n}." + ".".join("b" * 32) + "]\n" for n in range(SIZE // 75)),
+    "deep lists of tables": "".join(f"[[{'.'.join('a' * (n % 32 + 1))}]]\n" for n in range(250)),
+    "tables": "".join(f"[t{n}]\n" for n in range(SIZE // 8)),
+    "keys": "".join(f"k{n} = 1\n" for n in range(SIZE // 10)),
+    "keys in a line": "a = {" + ",".join(f"k{n}=1" for n in range(SIZE // 8)) + "}",
+    "lists in lists": "a = " + "[" * (SIZE // 2) + "]" * (SIZE // 2),
+    "tables in tables": "a = " + "{b = " * (SIZE // 6) + "1" + "}" * (SIZE // 6),
+    "many lists in lists": "a = [" + ("[" * 100 + "]" * 100 + ",") * (SIZE // 201) + "]",
+    "a list": "a = [" + "1," * (SIZE // 2) + "]",
+    "a number": "a = " + "1" * SIZE,
+    "a fraction": "a = 0." + "1" * SIZE,
+    "numbers that just fit": "".join(f"a{n} = {'1' * 3990}\n" for n in range(SIZE // 4000)),
+    "no numbers": ("a = " + "1" * 3990 + "x") * (SIZE // 4000),
+    "a text": 'a = """' + "\\n" * (SIZE // 2) + '"""',
+    "comments": "#\n" * (SIZE // 2),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("text", LONG.values(), ids=LONG)
+def test_the_cost_of_reading_toml_grows_with_its_length_alone(text):
+    """Counted, as a clock would tell more of the machine."""
+    data = text.encode()[: 2 * SIZE]
+    left = LINES_A_BYTE * len(data)
+
+    def count(*_):
+        nonlocal left
+        left -= 1
+        assert left > 0, "too many lines"
+        return count
+
+    sys.settrace(count)
+    try:
+        with suppress(ValueError):
+            reading.toml_table(data)
+    finally:
+        sys.settrace(None)
+    tracemalloc.start()
+    try:
+        with suppress(ValueError):
+            reading.toml_table(data)
+        assert tracemalloc.get_traced_memory()[1] < MEMORY_A_BYTE * len(data)
+    finally:
+        tracemalloc.stop()
+
+
+def test_lines_are_those_of_toml():
+    """A separator in a comment or a text begins no line; a line feed begins the next key."""
+    found = reading.toml_table("a = 1 # \u2028 .\nb = '\u2028'\nc.d = 1.5".encode())
+    assert found == {"a": 1, "b": "\u2028", "c": {"d": 1.5}}
+
+
+def test_a_number_of_too_many_digits_is_named():
+    with pytest.raises(ValueError, match=r"^b\.c: a whole number of so many digits"):
+        reading.toml_table(b"a = 1\nb.c = " + b"1" * 5000)
 
 
 def test_a_network_has_so_many_layers_and_no_more():

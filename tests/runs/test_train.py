@@ -174,3 +174,60 @@ def test_seeds_differ(whole, tmp_path):
         train.train(folder, None, Quiet(("step-1", 1), press_ctrl_c))
     ours = (path / "metrics.jsonl").read_bytes()
     assert ours != (whole / "metrics.jsonl").read_bytes()[: len(ours)]
+
+
+def removed(path):
+    shutil.rmtree(path)
+
+
+def moved(path):
+    path.rename(path.with_name("elsewhere"))
+
+
+def replaced(path):
+    """Another run is trained there up to its first checkpoint."""
+
+    def stop():
+        raise KeyboardInterrupt
+
+    removed(path)
+    with create(path, seed=5) as folder, pytest.raises(KeyboardInterrupt):
+        train.train(folder, None, Quiet(("step-1", 2), stop))
+    assert list(folder.checkpoints.glob("*.json"))
+
+
+@pytest.mark.parametrize("change", [removed, moved, replaced])
+def test_a_training_writes_into_no_other_folder_than_its_own(tmp_path, change):
+    path, left = tmp_path / "runs" / "run", {}
+
+    def break_in():
+        change(path)
+        left.update(small_runs.everything(tmp_path))
+
+    with create(path) as folder, pytest.raises(RunError) as caught:
+        train.train(folder, None, Quiet(("step-1", 2), break_in))
+    first, second = str(caught.value).splitlines()
+    assert f"{path} was moved, removed or replaced" in first
+    assert "under its new name" in second
+    found = small_runs.everything(tmp_path)
+    assert found.keys() == left.keys()
+    # Metrics already on their way may still reach the run that was moved.
+    others = {name for name in found if "elsewhere" not in name.parts}
+    assert all(found[name] == left[name] for name in others)
+
+
+def test_a_moved_training_goes_on_under_its_new_name(tmp_path, whole):
+    path = tmp_path / "run"
+    with create(path) as folder, pytest.raises(RunError, match="was moved"):
+        train.train(folder, None, Quiet(("step-1", 3), lambda: moved(path)))
+    resume(tmp_path / "elsewhere")
+    assert results(tmp_path / "elsewhere") == results(whole)
+
+
+def test_step_1_is_taken_over_into_no_other_folder(tmp_path, whole):
+    path = tmp_path / "run"
+    with create(path) as folder:
+        removed(path)
+        with pytest.raises(RunError, match="was moved"):
+            train.train(folder, whole, Quiet())
+    assert not path.exists()

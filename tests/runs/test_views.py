@@ -8,6 +8,7 @@ import pytest
 
 from lanewise.errors import LanewiseError
 from lanewise.runs import metrics, views
+from lanewise.runs.files import OpenFolder
 from lanewise.runs.metrics import MetricsWriter
 from lanewise.runs.views import Views
 
@@ -47,7 +48,7 @@ def scalars(folder):
 
 def test_tables(tmp_path):
     stored(tmp_path, [EPISODE, chunk(1)])
-    with Views(tmp_path, tensorboard=False) as shown:
+    with Views(OpenFolder(tmp_path), tensorboard=False) as shown:
         shown.append(chunk(2, validation_reward=3.5))
         shown.append(EPISODE | {"stage": "step-2"})
     assert [row["stage"] for row in rows(tmp_path / "episodes.csv")] == ["step-1", "step-2"]
@@ -59,11 +60,11 @@ def test_tables(tmp_path):
 
 def test_events_after_a_kill_hold_nothing_that_was_undone(tmp_path):
     stored(tmp_path, [chunk(1)])
-    with Views(tmp_path, tensorboard=True) as shown:
+    with Views(OpenFolder(tmp_path), tensorboard=True) as shown:
         shown.append(chunk(2))
     assert {step for _, step, _ in scalars(tmp_path / "tensorboard")} == {100, 200}
     # The metrics file was cut to its first line; the run goes on with its events unasked.
-    with Views(tmp_path, tensorboard=False) as shown:
+    with Views(OpenFolder(tmp_path), tensorboard=False) as shown:
         shown.append(chunk(2, reward=9.0))
     found = scalars(tmp_path / "tensorboard")
     assert sorted(s for s in found if s[0] == "step-1/reward") == [
@@ -99,4 +100,4 @@ def test_without_tensorboardx(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "tensorboardX", None)
     stored(tmp_path, [])
     with pytest.raises(LanewiseError, match=r"pip install \"lanewise\[tensorboard\]\""):
-        Views(tmp_path, tensorboard=True)
+        Views(OpenFolder(tmp_path), tensorboard=True)

@@ -16,9 +16,11 @@ from lanewise import reading
 from lanewise.errors import RunError
 from lanewise.evaluation.grid import Outcome, Reach
 from lanewise.runs import lock
-from lanewise.runs.files import PARTIAL, write_atomically
+from lanewise.runs.files import PARTIAL, OpenFolder, write_atomically
 
 _LARGEST = 1_000_000_000
+_FORMAT, _VERSION = "lanewise-sweep", 1
+"""Which a journal need not say."""
 _KINDS: dict[str, type] = {"Reach": Reach, "Outcome": Outcome}
 
 
@@ -31,11 +33,16 @@ class Journal:
     file: IO[str]
     digest: str
     """Of all lines so far; the first stands for what the sweep is."""
-    lock: IO[bytes]
-    """Of the folder; closing it gives the folder back."""
+    folder: OpenFolder
+    """Locked; closing it gives it back."""
 
     def add(self, found: list[Reach] | list[Outcome]) -> None:
-        """Keep some results; a kill loses only what came after."""
+        """Keep some results; a kill loses only what came after.
+
+        Raises:
+            RunError: the folder was moved, removed or replaced.
+        """
+        self.folder.require_same()
         for result in found:
             kept: list[Any] = self.reached if isinstance(result, Reach) else self.outcomes
             kept.append(result)
@@ -59,23 +66,24 @@ def open_(path: Path, identity: dict[str, Any]) -> Journal:
     out = path.parent
     check_place(path)
     out.mkdir(parents=True, exist_ok=True)
-    locked = lock.acquire(out, "sweeping")
+    folder = lock.acquire(out, "sweeping")
     try:
         # Asked once more: whoever had the lock just before may have begun.
         if not check_place(path):
-            write_atomically(out, {path.name: (json.dumps(identity) + "\n").encode()})
+            write_atomically(folder, {path.name: (json.dumps(identity) + "\n").encode()})
         kept, results, digest = read(path, identity)
         # What a kill has cut short is left out, here and on disk.
-        write_atomically(out, {path.name: kept})
+        write_atomically(folder, {path.name: kept})
+        file = os.open(path.name, os.O_WRONLY | os.O_APPEND, dir_fd=folder.descriptor)
     except BaseException:
-        locked.close()
+        folder.close()
         raise
     return Journal(
         reached=[result for result in results if isinstance(result, Reach)],
         outcomes=[result for result in results if isinstance(result, Outcome)],
-        file=path.open("a", encoding="utf-8"),
+        file=os.fdopen(file, "a", encoding="utf-8"),
         digest=digest,
-        lock=locked,
+        folder=folder,
     )
 
 
@@ -90,7 +98,7 @@ def check_place(path: Path) -> bool:
         return True
     if out.exists():
         # A kill while the journal was begun leaves only these.
-        ours = {lock.NAME, path.name + PARTIAL}
+        ours = {lock.OLD, path.name + PARTIAL}
         if not out.is_dir() or set(os.listdir(out)) - ours:
             raise RunError(f"{out} is not an empty folder and holds no sweep; choose another")
     return False
@@ -107,7 +115,10 @@ def read(path: Path, identity: dict[str, Any]) -> tuple[bytes, list[Reach | Outc
         head, *lines = list(_whole_lines(content)) or [b""]
         if not head:
             raise ValueError("it holds no line")
-        if reading.json_value(head) != identity:
+        begun = reading.json_value(head)
+        if other := reading.other_format(begun, _FORMAT, _VERSION):
+            raise RunError(f"{path} {other}")
+        if begun != identity:
             raise RunError(
                 f"{path.parent} holds another sweep: continue with its options, or choose another"
             )

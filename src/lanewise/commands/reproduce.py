@@ -86,17 +86,18 @@ def run(parsed: Parsed[Reproduce]) -> int:
     report = command.out / "report.md"
     if report.exists() and all(job.path in done for job in jobs):
         raise RunError(f"{command.out} is complete: see {report}, or choose another folder")
-    with lock.held(command.out, "reproducing"):
+    with lock.held(command.out, "reproducing") as out:
         # Whoever had the lock just before may have begun something else meanwhile.
         folder.check(command.out, whole)
-        folder.mark(command.out, whole)
+        folder.mark(out, whole)
         # One that lacks what is to be done now would look like that of a complete folder.
-        report.unlink(missing_ok=True)
+        out.unlink(report.name)
         began = time.monotonic()
-        times = schedule.run(jobs, command.processes or len(cores.usable()), sys.stderr)
+        times = schedule.run(jobs, command.processes or len(cores.usable()), sys.stderr, out)
+        out.require_same()
         tell("writing the report")
         path, text = reporting.write(
-            command.out,
+            out,
             whole,
             results.collect(whole, every),
             command=shlex.join(["lanewise", *sys.argv[1:]]),

@@ -5,6 +5,7 @@ import shlex
 import sys
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 from lanewise import config
@@ -17,6 +18,7 @@ from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
 from lanewise.progress import Progress
 from lanewise.ranges import SEEDS, Between
 from lanewise.runs import shelf
+from lanewise.runs.files import publish
 from lanewise.runs.folder import RunFolder
 from lanewise.scenario.settings import EgoSpeed, FrontDistance, Lanes, SideDistance, TrapSpeed
 from lanewise.settings import Settings
@@ -77,7 +79,7 @@ def run(parsed: Parsed[Sweep]) -> int:
     journal = journals.open_(
         command.out / JOURNAL, _identity(command, folder, trained.fingerprint(folder))
     )
-    with journal.lock:
+    with journal.folder:
         with journal.file, Progress() as reporter:
             _work(command, grid, controller, journal, reporter)
         _report(command, grid, folder, journal)
@@ -156,19 +158,19 @@ def _report(command: Sweep, grid: Grid, folder: RunFolder, journal: Journal) -> 
         Cell(point, journal.reached[index // grid.traffics], journal.outcomes[index])
         for index, point in enumerate(grid.points())
     ]
-    path = sweep.write_sweep(
-        command.out,
-        sweep.Sweep(
-            controller=folder.controller,
-            training_seed=folder.seed,
-            settings=config.flatten(folder.settings),
-            grid=grid,
-            episodes=command.episodes,
-            seed=command.seed,
-            clearance=command.clearance,
-            command=shlex.join(["lanewise", *sys.argv[1:]]),
-            cells=cells,
-        ),
+    found = sweep.Sweep(
+        controller=folder.controller,
+        training_seed=folder.seed,
+        settings=config.flatten(folder.settings),
+        grid=grid,
+        episodes=command.episodes,
+        seed=command.seed,
+        clearance=command.clearance,
+        command=shlex.join(["lanewise", *sys.argv[1:]]),
+        cells=cells,
     )
-    (command.out / JOURNAL).unlink()
-    sys.stdout.write(f"{sweep.table(cells)}\n\nmap: {printable(str(path))}\n")
+    with TemporaryDirectory(prefix="lanewise-map-") as drawn:
+        path = sweep.write_sweep(drawn, found)
+        publish(Path(drawn), journal.folder, last=path.name)
+    journal.folder.unlink(JOURNAL)
+    sys.stdout.write(f"{sweep.table(cells)}\n\nmap: {printable(str(command.out / path.name))}\n")

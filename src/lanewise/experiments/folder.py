@@ -9,7 +9,7 @@ from pathlib import Path
 from lanewise import reading
 from lanewise.errors import RunError, brief
 from lanewise.experiments.experiment import Experiment
-from lanewise.runs.files import write_atomically
+from lanewise.runs.files import OpenFolder, write_atomically
 from lanewise.runs.folder import require_empty
 
 NAME = "experiment.json"
@@ -38,9 +38,9 @@ def check(out: Path, experiment: Experiment) -> None:
         require_empty(out)
 
 
-def mark(out: Path, experiment: Experiment) -> None:
+def mark(out: OpenFolder, experiment: Experiment) -> None:
     """Name the experiment in its folder; nothing that is there already is written anew."""
-    if not os.path.lexists(out / NAME):
+    if not os.path.lexists(out.path / NAME):
         text = json.dumps({"format": _FORMAT, "experiment": experiment.name}, indent=2) + "\n"
         write_atomically(out, {NAME: text.encode()})
 
@@ -49,9 +49,11 @@ def _named(file: Path) -> str:
     """The experiment that a folder's file names."""
     try:
         found = reading.json_value(reading.contents(file, _LARGEST, links=False))
+        if other := reading.other_format(found, _FORMAT, 1):
+            raise RunError(f"{file} {other}")
         if not isinstance(found, dict) or found.keys() != {"format", "experiment"}:
             raise ValueError("it has other fields")
-        if found["format"] != _FORMAT or not isinstance(found["experiment"], str):
+        if not isinstance(found["experiment"], str):
             raise ValueError("it is of something else")
     except (ValueError, reading.UnreadableError) as error:
         raise RunError(

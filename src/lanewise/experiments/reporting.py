@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from lanewise import config
 from lanewise.evaluation import metrics
@@ -19,13 +20,18 @@ from lanewise.report.curves import write_curves
 from lanewise.report.escape import cell, code
 from lanewise.report.files import write_text
 from lanewise.runs import metrics as run_metrics
+from lanewise.runs.files import OpenFolder, publish
 
 REFERENCE = "single-level"
 """Arm that the others are held against."""
 
 
+REPORT = "report.md"
+"""The page that is there once all of the report is."""
+
+
 def write(
-    out: Path,
+    out: OpenFolder,
     experiment: Experiment,
     results: Sequence[ArmResult],
     command: str,
@@ -42,7 +48,25 @@ def write(
 
     Returns:
         (path of `report.md`, written last; its tables as text).
+
+    Raises:
+        RunError: the folder was moved, removed or replaced meanwhile.
+        LanewiseError: a file cannot be written.
     """
+    with TemporaryDirectory(prefix="lanewise-report-") as drawn:
+        text = _draw(Path(drawn), experiment, results, command, times)
+        publish(Path(drawn), out, last=REPORT)
+    return out.path / REPORT, text
+
+
+def _draw(
+    out: Path,
+    experiment: Experiment,
+    results: Sequence[ArmResult],
+    command: str,
+    times: Mapping[str, float],
+) -> str:
+    """Write the report into an empty folder; its tables as text."""
     made = {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": provenance.versions(),
@@ -58,8 +82,8 @@ def write(
     text = _markdown(content)
     write_text(out / "report.json", stored.text(content))
     write_text(out / "report.html", page.render(text, experiment.title, out))
-    write_text(out / "report.md", text)
-    return out / "report.md", _text(content)
+    write_text(out / REPORT, text)
+    return _text(content)
 
 
 def _shown(results: Sequence[ArmResult]) -> ArmResult:

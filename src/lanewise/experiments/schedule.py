@@ -19,6 +19,7 @@ from lanewise.evaluation.concurrent import ONE_THREAD
 from lanewise.experiments import work
 from lanewise.experiments.work import Job
 from lanewise.progress import Progress, duration, unfailing
+from lanewise.runs.files import FolderIdentity, OpenFolder
 
 COMPILED = "JAX_COMPILATION_CACHE_DIR"
 """Where JAX keeps compiled programs for other processes."""
@@ -26,19 +27,20 @@ COMPILED = "JAX_COMPILATION_CACHE_DIR"
 Times = dict[str, float]
 
 
-def run(jobs: Sequence[Job], processes: int, stream: TextIO) -> Times:
+def run(jobs: Sequence[Job], processes: int, stream: TextIO, out: OpenFolder) -> Times:
     """Do every job that is not done; those that lend their step 1 go first.
 
     Args:
         jobs: of all arms and seeds.
         processes: how many at once.
         stream: for progress.
+        out: the experiment's folder, held by this process.
 
     Returns:
         Seconds by part of the work.
 
     Raises:
-        RunError: a process was killed.
+        RunError: a process was killed, or found that the folder was moved, removed or replaced.
     """
     stream = unfailing(stream)
     left = [job for job in jobs if not job.done]
@@ -52,7 +54,7 @@ def run(jobs: Sequence[Job], processes: int, stream: TextIO) -> Times:
             _pool(min(processes, max(1, count))) as pool,
             signals.heard(signal.SIGTERM, _pass_on),
         ):
-            for job, took in _completed(pool, left, processes):
+            for job, took in _completed(pool, left, processes, out):
                 times |= took
                 count -= 1
                 share = 1 - count / len(left)
@@ -68,7 +70,7 @@ def run(jobs: Sequence[Job], processes: int, stream: TextIO) -> Times:
 
 
 def _completed(
-    pool: ProcessPoolExecutor, jobs: Sequence[Job], processes: int
+    pool: ProcessPoolExecutor, jobs: Sequence[Job], processes: int, out: OpenFolder
 ) -> Iterator[tuple[Job, Times]]:
     """Jobs as they are completed; none begins before the run that lends it its step 1 is done."""
     waiting = list(jobs)
@@ -80,12 +82,14 @@ def _completed(
             waiting.remove(job)
             # With many jobs a line now and then from each is enough.
             interval = 10.0 if len(jobs) <= processes else 60.0
-            busy[pool.submit(_work, job, interval, _ending())] = job
+            busy[pool.submit(_work, job, interval, _ending(), out.identity)] = job
         for future in wait(busy, return_when=FIRST_COMPLETED).done:
             yield busy.pop(future), future.result()
 
 
-def _work(job: Job, interval: float, ending: Sequence[signal.Signals]) -> Times:
+def _work(
+    job: Job, interval: float, ending: Sequence[signal.Signals], out: FolderIdentity
+) -> Times:
     """A job, in a process of its own, with a line about it every so many seconds.
 
     It is what the ``ending`` signals interrupt; a process that waits for one is deaf to them.
@@ -95,7 +99,8 @@ def _work(job: Job, interval: float, ending: Sequence[signal.Signals]) -> Times:
         for number in ending:
             before = signal.signal(number, signal.default_int_handler)
             hearing.callback(signal.signal, number, before)
-        return work.run(job, reporter)
+        with out.open() as folder:
+            return work.run(job, reporter, folder)
 
 
 def _ending() -> tuple[signal.Signals, ...]:

@@ -17,7 +17,7 @@ from lanewise.evaluation.metrics import Summary
 from lanewise.experiments import origin, testing
 from lanewise.progress import Progress
 from lanewise.runs import trained
-from lanewise.runs.files import write_atomically
+from lanewise.runs.files import OpenFolder, write_atomically
 from lanewise.runs.folder import LARGEST_SETTINGS, RunFolder
 from lanewise.runs.train import train
 from lanewise.runs.trained import Trained
@@ -32,6 +32,8 @@ _LARGEST_TABLE, _LARGEST_SUMMARY = 64_000_000, 100_000
 """Bytes of a test's episodes and of what is said of them."""
 _LONGEST = 1e9
 """Seconds of a test, 30 years."""
+_FORMAT, _VERSION = "lanewise-test", 1
+"""Which a stored test need not say."""
 _FIELDS = {"summary", "seconds", "run", "episodes_sha256", "digest"}
 _AGAIN = "; delete it, and the test is driven again"
 
@@ -95,40 +97,54 @@ def check(job: Job) -> None:
             raise RunError(f"{job.path} was tested with other settings: there {difference}")
 
 
-def run(job: Job, reporter: Progress) -> dict[str, float]:
-    """Do what is left of a job; the seconds each part took now."""
+def run(job: Job, reporter: Progress, out: OpenFolder) -> dict[str, float]:
+    """Do what is left of a job.
+
+    Args:
+        job: below ``out``.
+        reporter: told how far it is.
+        out: the experiment's folder.
+
+    Returns:
+        The seconds each part took now.
+
+    Raises:
+        RunError: the run is of something else, or damaged; or the experiment's folder was moved,
+            removed or replaced meanwhile.
+    """
     times = {}
-    if job.trains:
-        with _folder(job) as folder:
-            if not trained.is_finished(folder):
+    with out.inside(job.path.relative_to(out.path)) as place:
+        if job.trains:
+            with _folder(job, place) as folder:
+                if not trained.is_finished(folder):
+                    began = time.monotonic()
+                    # A run that was stopped after it took over step 1 has it already.
+                    taken = trained.has_stage(folder, recipe.STEP_1.name)
+                    train(folder, None if taken else job.high_level, reporter)
+                    times[f"train {job.label}"] = time.monotonic() - began
+            controller = trained.load(job.path)
+        else:
+            check(job)
+            # Tests remember the file's digest, so that one with the same settings stays as it is.
+            if not (job.path / SETTINGS).exists():
+                write_atomically(place, {SETTINGS: config.dump_toml(job.settings).encode()})
+            controller = Trained(job.controller, job.settings, job.seed, {})
+        for world, count in job.episodes.items():
+            if not is_tested(job, world, count):
                 began = time.monotonic()
-                # A run that was stopped after it took over step 1 has it already.
-                taken = trained.has_stage(folder, recipe.STEP_1.name)
-                train(folder, None if taken else job.high_level, reporter)
-                times[f"train {job.label}"] = time.monotonic() - began
-        controller = trained.load(job.path)
-    else:
-        job.path.mkdir(parents=True, exist_ok=True)
-        check(job)
-        # Tests remember the file's digest, so that one with the same settings stays as it is.
-        if not (job.path / SETTINGS).exists():
-            write_atomically(job.path, {SETTINGS: config.dump_toml(job.settings).encode()})
-        controller = Trained(job.controller, job.settings, job.seed, {})
-    for world, count in job.episodes.items():
-        if not is_tested(job, world, count):
-            began = time.monotonic()
-            episodes = testing.test(controller, world, count, job.seed, reporter)
-            seconds = time.monotonic() - began
-            times[f"test {job.label} in {world}"] = seconds
-            _store(job.path, controller.name, world, episodes, seconds, _origin(job))
+                episodes = testing.test(controller, world, count, job.seed, reporter)
+                seconds = time.monotonic() - began
+                times[f"test {job.label} in {world}"] = seconds
+                place.require_same()
+                _store(place, controller.name, world, episodes, seconds, _origin(job))
     return times
 
 
-def _folder(job: Job) -> RunFolder:
+def _folder(job: Job, place: OpenFolder) -> RunFolder:
     """The run's folder, to be continued or new."""
     if (job.path / "run.json").exists():
-        return RunFolder.resume(job.path, job.settings, job.controller, job.seed)
-    return RunFolder.create(job.path, job.settings, job.controller, job.seed)
+        return RunFolder.resume(place, job.settings, job.controller, job.seed)
+    return RunFolder.create(place, job.settings, job.controller, job.seed)
 
 
 def is_tested(job: Job, world: str, count: int) -> bool:
@@ -188,8 +204,14 @@ def _origin(job: Job) -> dict[str, Any]:
 
 
 def _store(
-    path: Path, name: str, world: str, episodes: Episodes, seconds: float, run: dict[str, Any]
+    place: OpenFolder,
+    name: str,
+    world: str,
+    episodes: Episodes,
+    seconds: float,
+    run: dict[str, Any],
 ) -> None:
+    """Keep a test in its run's folder."""
     summary = metrics.summarise(episodes, controller=name, world=world).to_json()
     table = metrics.to_csv(episodes).encode()
     stored: dict[str, Any] = {
@@ -199,9 +221,9 @@ def _store(
         "episodes_sha256": _sha256(table),
     }
     text = json.dumps(stored | {"digest": reading.digest(stored)}, indent=1) + "\n"
-    folder = _tests_of(path)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder, {f"{world}.csv": table, f"{world}.json": text.encode()})
+    _tests_of(place.path)
+    with place.inside(TESTS) as folder:
+        write_atomically(folder, {f"{world}.csv": table, f"{world}.json": text.encode()})
 
 
 def _tests_of(path: Path) -> Path:
@@ -237,6 +259,8 @@ def _read_of(job: Job, file: Path) -> dict[str, Any]:
 def _read(file: Path) -> dict[str, Any]:
     try:
         stored: dict[str, Any] = reading.json_value(_contents(file, _LARGEST_SUMMARY))
+        if other := reading.other_format(stored, _FORMAT, _VERSION):
+            raise RunError(f"{file} {other}")
         counts = type(stored["summary"]["episodes"]) is int
         if not counts or type(stored["seconds"]) not in (int, float):
             raise ValueError("no numbers")

@@ -325,9 +325,11 @@ def load(path: str | os.PathLike[str]) -> Policy:
     with open(path, "rb") as file:
         data = file.read(LARGEST + 1)
     try:
-        arrays = _arrays(data)
-        about = _about(arrays.pop("about"))
+        members = _members(data)
+        # First of all: arrays of another version may be of types that are not known here.
+        about = _about(_array(members.pop("about")))
         ours = about["format"] == FORMAT and about["version"] == VERSION
+        arrays = {name: _array(member) for name, member in members.items()} if ours else {}
         if ours:
             _check(about, arrays)
     except _DAMAGE as error:
@@ -336,7 +338,12 @@ def load(path: str | os.PathLike[str]) -> Policy:
             f"{path} is no policy of Lanewise, or a damaged one: {ascii(reason)[1:-1][:120]}"
         ) from error
     if not ours:
-        raise PolicyError(f"{path} has another format version; this reader knows {VERSION}")
+        found = [str(about.get(name, "unknown")) for name in ("format", "version", "lanewise")]
+        told = "{} version {}, written by lanewise {}".format(*(ascii(t)[1:-1][:80] for t in found))
+        raise PolicyError(
+            f"{path} has format {told}; this reader knows {FORMAT} version {VERSION}: "
+            "use the one of the lanewise that wrote it, or a newer one"
+        )
     return Policy(about, arrays)
 
 
@@ -347,8 +354,8 @@ _DAMAGE = (
 """What reading a file that is not what it should be can raise; RecursionError is among them."""
 
 
-def _arrays(data: bytes) -> dict[str, Array]:
-    """The arrays of an archive that NumPy's `savez` wrote, uncompressed as it writes them.
+def _members(data: bytes) -> dict[str, bytes]:
+    """The arrays of an archive that NumPy's `savez` wrote, uncompressed and each as its bytes.
 
     Raises:
         ValueError: it is too large, compressed, or says that it holds more than it does.
@@ -358,17 +365,17 @@ def _arrays(data: bytes) -> dict[str, Array]:
     # One of these begins each entry of the list of members.
     if data.count(b"PK\x01\x02") > MOST_ARRAYS:
         raise ValueError(f"it holds more than {MOST_ARRAYS} arrays")
-    arrays: dict[str, Array] = {}
+    found: dict[str, bytes] = {}
     with ZipFile(BytesIO(data)) as archive:
         members = archive.infolist()
         if sum(member.file_size for member in members) > len(data):
             raise ValueError("it says that it holds more than it does")
         for member in members:
             name = member.filename.removesuffix(".npy")
-            if member.compress_type != ZIP_STORED or name in arrays:
+            if member.compress_type != ZIP_STORED or name in found:
                 raise ValueError("it is compressed, or holds an array twice")
-            arrays[name] = _array(archive.read(member))
-    return arrays
+            found[name] = archive.read(member)
+    return found
 
 
 def _array(data: bytes) -> Array:

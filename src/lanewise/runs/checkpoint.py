@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from safetensors.numpy import save as save_safetensors
 from lanewise import reading
 from lanewise.errors import CheckpointError, brief
 from lanewise.runs import templates
-from lanewise.runs.files import PARTIAL, write_atomically
+from lanewise.runs.files import PARTIAL, OpenFolder, opened, write_atomically
 from lanewise.runs.templates import Template
 
 FORMAT = "lanewise-arrays"
@@ -60,7 +60,7 @@ _FILE = re.compile(rf"stage-[0-9]{{2}}-chunk-[0-9]{{8}}\.(json|safetensors)({re.
 
 
 def save(
-    directory: Path,
+    directory: Path | OpenFolder,
     name: str,
     arrays: Mapping[str, np.ndarray],
     meta: Mapping[str, Any],
@@ -71,7 +71,7 @@ def save(
     """Stores arrays under a name; both files are complete on disk before either gets its name.
 
     Args:
-        directory: Where; made if it is missing.
+        directory: Where. One that is only named is made if it is missing.
         name: File name without ending. For checkpoints, names must sort by time.
         arrays: Arrays by name.
         meta: Anything JSON can hold.
@@ -80,10 +80,12 @@ def save(
         unusable: Names of checkpoints that are known not to be.
 
     Raises:
+        RunError: An open directory is no longer where it was; nothing is written.
         OSError: The disk is full or not writable; what was stored before is unchanged.
     """
     _check_name(name)
-    directory.mkdir(parents=True, exist_ok=True)
+    if isinstance(directory, Path):
+        directory.mkdir(parents=True, exist_ok=True)
     # safetensors stores memory as it lies: it must be row by row, in this machine's byte order.
     packed = {key: np.array(value, order="C") for key, value in arrays.items()}
     data = save_safetensors(packed)
@@ -170,7 +172,8 @@ def read_digest(directory: Path, name: str) -> str:
 
 def names(directory: Path) -> list[str]:
     """The names of the checkpoints in a directory, oldest first; other files there are none."""
-    return [path.stem for path in _files(directory) if path.suffix == ".json"]
+    found = os.listdir(directory) if directory.is_dir() else ()
+    return [path.stem for path in _files(found) if path.suffix == ".json"]
 
 
 def newest_valid(
@@ -206,29 +209,33 @@ def _check_name(name: str) -> None:
         raise CheckpointError(f'"{brief(name)}" is no name for a checkpoint')
 
 
-def prune(directory: Path, keep: int, unusable: Collection[str] = ()) -> None:
+def prune(directory: Path | OpenFolder, keep: int, unusable: Collection[str] = ()) -> None:
     """Deletes checkpoints, but the newest, and no file that is none of theirs.
 
     Args:
         directory: Where.
         keep: So many of the newest stay.
         unusable: Names of some that do not count and go too.
+
+    Raises:
+        RunError: An open directory is no longer where it was; nothing is deleted.
     """
-    files = [path for path in _files(directory) if path.is_symlink() or not path.is_dir()]
-    every = [path.stem for path in files if path.suffix == ".json" and path.stem not in unusable]
-    kept = every[max(0, len(every) - keep) :]
-    # Of each the manifest goes first, so that no half is ever offered. With them goes what a kill
-    # has left half written or half deleted; the lock on the run keeps other writers out.
-    for path in files:
-        if path.suffix == PARTIAL or path.stem not in kept:
-            path.unlink(missing_ok=True)
+    with opened(directory) as folder:
+        with os.scandir(folder.descriptor) as entries:
+            files = _files(e.name for e in entries if not e.is_dir(follow_symlinks=False))
+        manifests = [path for path in files if path.suffix == ".json"]
+        every = [path.stem for path in manifests if path.stem not in unusable]
+        kept = every[max(0, len(every) - keep) :]
+        # Of each the manifest goes first, so that no half is ever offered. With them goes what a
+        # kill has left half written or half deleted; the lock on the run keeps other writers out.
+        for path in files:
+            if path.suffix == PARTIAL or path.stem not in kept:
+                folder.unlink(path.name)
 
 
-def _files(directory: Path) -> list[Path]:
+def _files(found: Iterable[str]) -> list[Path]:
     """What is named as a file of a checkpoint, oldest first and each manifest before its data."""
-    if not directory.is_dir():
-        return []
-    return sorted(path for path in directory.iterdir() if _FILE.fullmatch(path.name))
+    return sorted(Path(name) for name in found if _FILE.fullmatch(name))
 
 
 def _read_file(path: Path, largest: int) -> bytes:
@@ -256,10 +263,10 @@ def _read_manifest(path: Path) -> dict[str, Any]:
         manifest = reading.json_value(_read_file(path, _LARGEST_MANIFEST))
     except ValueError as error:
         raise CheckpointError(f"{path} is damaged: not valid JSON") from error
-    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+    if not isinstance(manifest, dict) or "format" not in manifest:
         raise CheckpointError(f"{path} is not a manifest of lanewise")
-    if manifest.get("version") != VERSION:
-        raise CheckpointError(f"{path} has another format version; this lanewise reads {VERSION}")
+    if other := reading.other_format(manifest, FORMAT, VERSION):
+        raise CheckpointError(f"{path} {other}")
     fields = {"name": str, "sha256": str, "bytes": int, "settings_digest": str, "meta": dict}
     for name, kind in (fields | {"arrays": dict}).items():
         if type(manifest.get(name)) is not kind:

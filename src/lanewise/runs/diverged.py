@@ -64,9 +64,9 @@ def keep(
     state = stored.state
     for _ in range(reached.chunks - stored.ledger.chunks):
         state, _ = stage.advance(plan.course, frozen, state)
-    place = folder.path / FOLDER
     meta = {"stage": index, "ledger": asdict(reached), "message": str(error)}
-    checkpoint.save(place, BEFORE, tree.flatten({"state": state}), meta, folder.digest)
+    with folder.held.inside(FOLDER) as place:
+        checkpoint.save(place, BEFORE, tree.flatten({"state": state}), meta, folder.digest)
     _, metrics = stage.advance(plan.course, frozen, state)
     again = [asdict(one) for one in findings.of(jax.device_get(metrics.finite))]
     found, first = list(error.found), error.found[0]
@@ -86,10 +86,11 @@ def keep(
         "lanewise": __version__,
         "jax": jax.__version__,
     }
-    write_atomically(place, {FOUND: (json.dumps(about, indent=1) + "\n").encode()})
+    with folder.held.inside(FOLDER) as place:
+        write_atomically(place, {FOUND: (json.dumps(about, indent=1) + "\n").encode()})
     advice = ADVICE[first["what"]].format(level=first["level"])
     return NumbersError(
         f"{error}; training stopped, earlier chunks are kept\n"
-        f'  {advice}; lanewise.runs.again.see("{folder.path}") shows it ({place})',
+        f'  {advice}; lanewise.runs.again.see("{folder.path}") shows it ({folder.path / FOLDER})',
         error.found,
     )

@@ -1,38 +1,194 @@
-"""Writing files so that a kill or a full disk never leaves half of one."""
+"""Writing files so that a kill or a full disk never leaves half of one. Imports no JAX."""
 
 import os
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+
+from lanewise.errors import RunError
 
 PARTIAL = ".partial"
 """Ending of files that are not complete yet."""
 
 
-def write_atomically(directory: Path, contents: Mapping[str, bytes]) -> None:
+class OpenFolder:
+    """A folder itself, whatever its name leads to meanwhile.
+
+    Everything in it is opened, renamed and deleted relative to ``descriptor``, so that no other
+    folder is ever written to, and a folder that is gone is not made again.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Opens a folder.
+
+        Raises:
+            OSError: there is none of that name.
+        """
+        self.path = path
+        """Its name when it was opened."""
+        self.descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+        """For functions of `os` that take ``dir_fd``."""
+        self._root = self
+        """The folder whose name is looked at."""
+
+    @contextmanager
+    def inside(self, name: str | PurePath) -> Iterator["OpenFolder"]:
+        """A folder in this one, made with its parents where they are missing.
+
+        Raises:
+            RunError: as `require_same`.
+            OSError: it cannot be made, or a file has its name.
+        """
+        self.require_same()
+        with self.again() as inner:
+            inner.path = self.path / name
+            for part in PurePath(name).parts:
+                with suppress(FileExistsError):
+                    os.mkdir(part, dir_fd=inner.descriptor)
+                outer = inner.descriptor
+                inner.descriptor = os.open(part, os.O_RDONLY | os.O_DIRECTORY, dir_fd=outer)
+                os.close(outer)
+            yield inner
+
+    def again(self) -> "OpenFolder":
+        """The same folder opened once more, to be locked and closed by itself."""
+        copy = object.__new__(OpenFolder)
+        copy.path, copy._root = self.path, self._root
+        copy.descriptor = os.open(".", os.O_RDONLY | os.O_DIRECTORY, dir_fd=self.descriptor)
+        return copy
+
+    @property
+    def identity(self) -> "FolderIdentity":
+        """By which another process can open it too."""
+        status = os.fstat(self.descriptor)
+        return FolderIdentity(self.path, status.st_dev, status.st_ino)
+
+    def require_same(self) -> None:
+        """Refuses to go on where the name no longer leads here; asked before anything is written.
+
+        Raises:
+            RunError: says so.
+        """
+        self._root.identity.require()
+
+    def unlink(self, name: str) -> None:
+        """Deletes a file in it, if it is there."""
+        with suppress(FileNotFoundError):
+            os.unlink(name, dir_fd=self.descriptor)
+
+    def close(self) -> None:
+        """Closes it, and gives back its lock if it has one; closing once more does nothing."""
+        if self.descriptor >= 0:
+            os.close(self.descriptor)
+            self.descriptor = -1
+
+    def __enter__(self) -> "OpenFolder":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+@dataclass(frozen=True)
+class FolderIdentity:
+    """Which folder a name led to."""
+
+    path: Path
+    device: int
+    inode: int
+
+    def open(self) -> OpenFolder:
+        """That folder.
+
+        Raises:
+            RunError: as `require`.
+        """
+        self.require()
+        return OpenFolder(self.path)
+
+    def require(self) -> None:
+        """Refuses another folder, or none, where this one was.
+
+        Raises:
+            RunError: says so.
+        """
+        with suppress(FileNotFoundError, NotADirectoryError):
+            status = os.stat(self.path)
+            if (status.st_dev, status.st_ino) == (self.device, self.inode):
+                return
+        raise RunError(
+            f"{self.path} was moved, removed or replaced; nothing more is written\n"
+            "  a folder that was moved can be continued under its new name"
+        )
+
+
+@contextmanager
+def opened(directory: Path | OpenFolder) -> Iterator[OpenFolder]:
+    """A folder to write into: opened now, or opened and still the same.
+
+    Raises:
+        RunError: as `OpenFolder.require_same`.
+        OSError: there is none of that name.
+    """
+    if isinstance(directory, OpenFolder):
+        directory.require_same()
+        yield directory
+    else:
+        with OpenFolder(directory) as folder:
+            yield folder
+
+
+def write_atomically(directory: Path | OpenFolder, contents: Mapping[str, bytes]) -> None:
     """Writes files into a directory, all complete on disk before the first gets its name.
 
     They get their names one after the other, in the order given, so the last one can vouch for
     the others.
 
     Raises:
+        RunError: An open folder is no longer where it was; nothing is written.
         OSError: A write failed; files that already had these names are unchanged.
     """
-    try:
-        for name, content in contents.items():
-            _write(directory / (name + PARTIAL), content)
-    except OSError:
+    with opened(directory) as folder:
+        place = folder.descriptor
+        try:
+            for name, content in contents.items():
+                _write(folder, name + PARTIAL, content)
+        except OSError:
+            for name in contents:
+                folder.unlink(name + PARTIAL)
+            raise
         for name in contents:
-            (directory / (name + PARTIAL)).unlink(missing_ok=True)
-        raise
-    for name in contents:
-        os.replace(directory / (name + PARTIAL), directory / name)
-    _sync_directory(directory)
+            os.replace(name + PARTIAL, name, src_dir_fd=place, dst_dir_fd=place)
+        # The new names survive a power cut.
+        os.fsync(place)
 
 
-def _write(path: Path, content: bytes) -> None:
+def publish(source: Path, target: OpenFolder, last: str) -> None:
+    """Copies files that are finished, with the folders they lie in, to where they belong.
+
+    Args:
+        source: holds them and nothing else.
+        target: replaces those of the same name; others stay.
+        last: the file that gets its name last: where it is, the others are.
+
+    Raises:
+        RunError: the target is no longer where it was.
+        OSError: a write failed.
+    """
+    found = sorted(source.iterdir(), key=lambda path: (path.is_file(), path.name == last))
+    for path in found:
+        if path.is_dir():
+            with target.inside(path.name) as inner:
+                write_atomically(inner, {each.name: each.read_bytes() for each in path.iterdir()})
+    write_atomically(target, {path.name: path.read_bytes() for path in found if path.is_file()})
+
+
+def _write(folder: OpenFolder, name: str, content: bytes) -> None:
     # A link left under this name would lead the write elsewhere.
-    path.unlink(missing_ok=True)
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+    folder.unlink(name)
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+    descriptor = os.open(name, flags, 0o644, dir_fd=folder.descriptor)
     try:
         rest = memoryview(content)
         while rest:
@@ -40,15 +196,6 @@ def _write(path: Path, content: bytes) -> None:
         os.fsync(descriptor)
     except OSError as error:
         # os.write does not know the name; whoever reads the message should.
-        raise OSError(error.errno, error.strerror, str(path)) from error
-    finally:
-        os.close(descriptor)
-
-
-def _sync_directory(directory: Path) -> None:
-    """Makes the new names survive a power cut."""
-    descriptor = os.open(directory, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
+        raise OSError(error.errno, error.strerror, str(folder.path / name)) from error
     finally:
         os.close(descriptor)

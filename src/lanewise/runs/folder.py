@@ -13,8 +13,8 @@
     DIR/stages/           what each finished stage hands on
     DIR/diverged/         what there is of a training whose numbers went wrong
     DIR/controller.*      the trained controller
-    DIR/lock              held by the process that writes
 
+The process that writes holds a lock on the folder itself.
 Imports no JAX.
 """
 
@@ -25,13 +25,13 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import Any
 
 from lanewise import config, cores, crosschecks, reading
 from lanewise.errors import RunError, SettingsError, brief
-from lanewise.ranges import SEEDS, show
-from lanewise.runs.files import PARTIAL, write_atomically
-from lanewise.runs.lock import acquire
+from lanewise.ranges import SEEDS
+from lanewise.runs import lock
+from lanewise.runs.files import PARTIAL, OpenFolder, write_atomically
 from lanewise.settings import Settings
 from lanewise.version import __version__
 
@@ -42,15 +42,15 @@ CONTROLLERS = ("hierarchical", "single-level", "planned", "h-dqn")
 WITH_STEP_1 = ("hierarchical", "planned")
 """Controllers whose training begins with step 1, and can take it over from another run."""
 LARGEST_SEED = int(SEEDS.high)
-_OURS = {"lock", "settings.toml"}
 _LARGEST_MANIFEST = 100_000
 LARGEST_SETTINGS = 100_000
 """Bytes of a file with every setting."""
 _FILES = (
-    *("run.json", "settings.toml", "lock", "metrics.jsonl", "timings.jsonl"),
+    *("run.json", "settings.toml", "metrics.jsonl", "timings.jsonl"),
     *("episodes.csv", "chunks.csv"),
 )
-_FOLDERS = ("checkpoints", "stages", "tensorboard", "diverged")
+CHECKPOINTS, STAGES = "checkpoints", "stages"
+_FOLDERS = (CHECKPOINTS, STAGES, "tensorboard", "diverged")
 _FIELDS = {
     *("format", "version", "controller", "seed", "settings_digest", "lanewise", "parts"),
     *("created", "digest"),
@@ -75,12 +75,12 @@ class RunFolder:
     that a later version with one setting more still reads the run."""
     parts: tuple[str, ...] = ()
     """Names of the user's own functions it is trained with (`driving.parts.Parts.names`)."""
-    _lock: IO[bytes] | None = field(default=None, repr=False)
+    _held: OpenFolder | None = field(default=None, repr=False)
 
     @classmethod
     def create(
         cls,
-        path: Path,
+        path: Path | OpenFolder,
         settings: Settings,
         controller: str,
         seed: int,
@@ -88,21 +88,30 @@ class RunFolder:
     ) -> "RunFolder":
         """Makes a run in a new or empty folder and locks it.
 
+        Args:
+            path: the folder, made with its parents if it is missing; or an open one.
+            settings: all of them.
+            controller: what is trained.
+            seed: of everything random.
+            parts: names of the user's own functions.
+
         Raises:
             RunError: The folder holds something already, or another process is making a run in it,
                 or the seed is none.
             SettingsError: The machine has not the memory for what they ask.
         """
         crosschecks.check_memory(settings, controller, cores.memory())
-        require_empty(path)
+        name = _name_of(path)
+        require_empty(name)
         if type(seed) is not int or not 0 <= seed <= LARGEST_SEED:
             raise RunError(f"seed must be a whole number from 0 to {LARGEST_SEED}")
-        path.mkdir(parents=True, exist_ok=True)
-        lock = acquire(path, "training")
-        folder = cls(path, settings, controller, seed, config.digest(settings), parts, lock)
+        if isinstance(path, Path):
+            path.mkdir(parents=True, exist_ok=True)
+        held = lock.acquire(path, "training")
+        folder = cls(name, settings, controller, seed, config.digest(settings), parts, held)
         try:
             # Whoever had the lock just before may have made a run meanwhile.
-            require_empty(path)
+            require_empty(name)
             folder._write_identity()
         except BaseException:
             folder.close()
@@ -126,7 +135,7 @@ class RunFolder:
     @classmethod
     def resume(
         cls,
-        path: Path,
+        path: Path | OpenFolder,
         settings: Settings | None = None,
         controller: str | None = None,
         seed: int | None = None,
@@ -137,24 +146,30 @@ class RunFolder:
             RunError: There is no run, another process holds it, or it was made with another
                 controller, seed or settings.
         """
-        folder = cls.open(path)
+        folder = cls.open(_name_of(path))
         if controller is not None and controller != folder.controller:
-            raise RunError(f"{path} trains {folder.controller}, not {controller}")
+            raise RunError(f"{folder.path} trains {folder.controller}, not {controller}")
         if seed is not None and seed != folder.seed:
-            raise RunError(f"{path} was made with seed {folder.seed}, not {seed}")
+            raise RunError(f"{folder.path} was made with seed {folder.seed}, not {seed}")
         difference = config.first_difference(folder.settings, settings or folder.settings)
         if difference:
             raise RunError(
-                f"{path} was made with other settings: there {difference}\n"
+                f"{folder.path} was made with other settings: there {difference}\n"
                 "  --resume without any settings takes those of the run"
             )
-        folder._lock = acquire(path, "training")
+        folder._held = lock.acquire(path, "training")
         return folder
+
+    @property
+    def held(self) -> OpenFolder:
+        """The folder itself, to be written into; only of a run that was created or resumed."""
+        assert self._held is not None, "a run that is only read is not written to"
+        return self._held
 
     @property
     def checkpoints(self) -> Path:
         """Where checkpoints lie."""
-        return self.path / "checkpoints"
+        return self.path / CHECKPOINTS
 
     @property
     def metrics(self) -> Path:
@@ -173,9 +188,9 @@ class RunFolder:
 
     def close(self) -> None:
         """Gives the lock back."""
-        if self._lock is not None:
-            self._lock.close()
-            self._lock = None
+        if self._held is not None:
+            self._held.close()
+            self._held = None
 
     def __enter__(self) -> "RunFolder":
         return self
@@ -204,12 +219,16 @@ class RunFolder:
             "settings.toml": config.dump_toml(self.settings).encode(),
             "run.json": (json.dumps(manifest, indent=2) + "\n").encode(),
         }
-        write_atomically(self.path, contents)
+        write_atomically(self.held, contents)
+
+
+def _name_of(path: Path | OpenFolder) -> Path:
+    return path.path if isinstance(path, OpenFolder) else path
 
 
 def stages_of(path: Path) -> Path:
     """Where the finished stages of the run in a folder lie, once there are any."""
-    return path / "stages"
+    return path / STAGES
 
 
 def require_empty(path: Path) -> None:
@@ -226,9 +245,10 @@ def require_empty(path: Path) -> None:
         raise RunError(
             f"{path} holds a run already; --resume continues it, or choose another folder"
         )
-    # A kill while the run was being made leaves only these; nothing is lost by starting afresh.
-    names = {name for name in os.listdir(path) if not name.endswith(PARTIAL)}
-    if names - _OURS:
+    names = set(os.listdir(path))
+    # A kill while the run was being made leaves both; settings alone are the user's own.
+    half_made = {"settings.toml"} if "run.json" + PARTIAL in names else set()
+    if any(not name.endswith(PARTIAL) for name in names - half_made - {lock.OLD}):
         raise RunError(f"{path} is not empty and holds no run; choose another folder")
 
 
@@ -255,11 +275,10 @@ def _read_manifest(path: Path) -> dict[str, Any]:
         raise RunError(f"{file} is damaged: {error}") from error
     except ValueError as error:
         raise RunError(f"{file} is damaged: not valid JSON") from error
-    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+    if not isinstance(manifest, dict) or "format" not in manifest:
         raise RunError(f"{file} does not describe a run")
-    if manifest.get("version") != VERSION:
-        version = show(manifest.get("version"))
-        raise RunError(f"{file} has format version {version}; this lanewise reads {VERSION}")
+    if other := reading.other_format(manifest, FORMAT, VERSION):
+        raise RunError(f"{file} {other}")
     _check_identity(file, manifest)
     return manifest
 

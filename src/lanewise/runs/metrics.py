@@ -7,7 +7,6 @@ import hashlib
 import json
 import math
 import os
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import count
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 
 from lanewise import reading
 from lanewise.errors import RunError, brief
+from lanewise.runs.files import OpenFolder, opened, write_atomically
 
 _LONGEST_LINE = 20_000
 """Bytes; ours have a few hundred."""
@@ -29,30 +29,33 @@ _LARGEST = 1e300
 class MetricsWriter:
     """Appends records to a file; ``sync`` says how many bytes are safely on disk."""
 
-    def __init__(self, path: Path, resume_at: int | None = 0) -> None:
+    def __init__(
+        self, path: Path, resume_at: int | None = 0, folder: OpenFolder | None = None
+    ) -> None:
         """Opens the file and cuts it to its first ``resume_at`` bytes.
 
         Args:
             path: The file.
             resume_at: The length that ``sync`` returned before the checkpoint was saved; 0 for a
                 fresh file, None to keep every whole line that is there (timings).
+            folder: The folder it lies in, opened; None opens it.
 
         Raises:
-            RunError: The file is shorter than that, or no regular file.
+            RunError: The file is shorter than that, or no regular file; or its folder is no longer
+                where it was.
         """
-        self._file = _appending(path)
+        self._file = _appending(path, folder)
         size = self._file.tell()
         if resume_at is None:
-            resume_at = _end_of_lines(path, size)
+            resume_at = _end_of_lines(self._file, path, size)
         if size < resume_at:
             self._file.close()
             raise RunError(f"{path} is truncated: {size} bytes, the checkpoint expects {resume_at}")
         self._file.truncate(resume_at)
         self._file.seek(0, os.SEEK_END)
         self._digest = hashlib.sha256()
-        with path.open("rb") as before:
-            while block := before.read(_BLOCK):
-                self._digest.update(block)
+        for start in range(0, resume_at, _BLOCK):
+            self._digest.update(os.pread(self._file.fileno(), _BLOCK, start))
 
     def append(self, record: Mapping[str, Any]) -> None:
         """Writes one record; numbers that are not finite become null."""
@@ -112,10 +115,15 @@ def read(path: Path, end: int | None = None, sha256: str | None = None) -> list[
     return found
 
 
-def keep_copy(path: Path, end: int) -> Path | None:
+def keep_copy(path: Path, end: int, folder: OpenFolder | None = None) -> Path | None:
     """Copies a metrics file that is about to be cut to its first ``end`` bytes.
 
     A stage whose checkpoints were lost begins anew, and metrics are all that is left of it.
+
+    Args:
+        path: The file.
+        end: Its length once it is cut.
+        folder: The folder it lies in, opened; None opens it.
 
     Returns:
         The copy, ``metrics-before-1.jsonl`` or the first number that is free; None if there is
@@ -128,14 +136,7 @@ def keep_copy(path: Path, end: int) -> Path | None:
         return None
     places = (path.with_stem(f"{path.stem}-before-{number}") for number in count(1))
     place = next(place for place in places if not os.path.lexists(place))
-    try:
-        with path.open("rb") as whole, place.open("xb") as copy:
-            shutil.copyfileobj(whole, copy)
-            copy.flush()
-            os.fsync(copy.fileno())
-    except OSError:
-        place.unlink(missing_ok=True)
-        raise
+    write_atomically(folder or path.parent, {place.name: path.read_bytes()})
     return place
 
 
@@ -175,14 +176,15 @@ def _lines(path: Path, end: int | None) -> Iterator[bytes]:
         raise RunError(f"{path} is damaged: {error}") from error
 
 
-def _appending(path: Path) -> IO[bytes]:
+def _appending(path: Path, folder: OpenFolder | None) -> IO[bytes]:
     """The file, to be written to; neither a link nor a pipe of its name, nor a name of two."""
     flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK
     try:
         reading.require_plain(path)
     except reading.UnreadableError as error:
         raise RunError(f"cannot write {path}: {error}") from error
-    file = os.fdopen(os.open(path, flags, 0o644), "ab")
+    with opened(folder or path.parent) as place:
+        file = os.fdopen(os.open(path.name, flags, 0o644, dir_fd=place.descriptor), "ab")
     if os.fstat(file.fileno()).st_nlink > 1:
         file.close()
         raise RunError(
@@ -192,11 +194,9 @@ def _appending(path: Path) -> IO[bytes]:
     return file
 
 
-def _end_of_lines(path: Path, size: int) -> int:
+def _end_of_lines(file: IO[bytes], path: Path, size: int) -> int:
     """Where the last whole line ends, looked for from the end of the file."""
-    with path.open("rb") as file:
-        file.seek(max(0, size - _BLOCK))
-        tail = file.read(_BLOCK)
+    tail = os.pread(file.fileno(), _BLOCK, max(0, size - _BLOCK))
     if b"\n" not in tail and size > _BLOCK:
         raise RunError(f"{path} is damaged: a line is longer than any record")
     return size - len(tail) + tail.rfind(b"\n") + 1

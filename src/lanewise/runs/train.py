@@ -19,7 +19,7 @@ from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import NumbersError, RunError
 from lanewise.progress import Progress
 from lanewise.runs import checkpoint, diverged, resume, trained, tree
-from lanewise.runs.folder import RunFolder
+from lanewise.runs.folder import CHECKPOINTS, RunFolder
 from lanewise.runs.metrics import MetricsWriter, keep_copy
 from lanewise.runs.resume import plan_of
 from lanewise.runs.trained import Mark
@@ -95,7 +95,7 @@ def train(
 
     Raises:
         RunError: the run is finished already, or was made with other parts, or ``high_level`` is
-            no finished step 1.
+            no finished step 1; or the folder was moved, removed or replaced meanwhile.
         CheckpointError: a stored file is damaged beyond falling back.
         NumbersError: a number is not finite; `diverged` says what is kept of it.
     """
@@ -107,13 +107,15 @@ def train(
     left = resume.read(folder, parts)
     if left.warning:
         reporter.note(left.warning)
-    if left.checkpoint is None and (kept := keep_copy(folder.metrics, left.mark.bytes)):
+    if left.checkpoint is None and (
+        kept := keep_copy(folder.metrics, left.mark.bytes, folder.held)
+    ):
         begins = "without a checkpoint, the stage under way begins anew"
         reporter.note(f"{begins}; metrics so far are kept in {kept}")
     with (
-        MetricsWriter(folder.metrics, left.mark.bytes) as metrics,
-        MetricsWriter(folder.timings, None) as timings,
-        Views(folder.path, tensorboard=tensorboard) as views,
+        MetricsWriter(folder.metrics, left.mark.bytes, folder.held) as metrics,
+        MetricsWriter(folder.timings, None, folder.held) as timings,
+        Views(folder.held, tensorboard=tensorboard) as views,
     ):
         files = _Files(folder, metrics, timings, views, left.unusable)
         frozen: Parameters = {}
@@ -127,7 +129,9 @@ def train(
             frozen = frozen | trained.load_stage(folder, stage, parts)
     trained.save_controller(folder, frozen)
     # Only now, when nothing is left to resume.
-    checkpoint.prune(folder.checkpoints, keep=0)
+    if folder.checkpoints.is_dir():
+        with folder.held.inside(CHECKPOINTS) as place:
+            checkpoint.prune(place, keep=0)
 
 
 def _run_stage(
@@ -186,6 +190,8 @@ def _stage_key(folder: RunFolder, index: int) -> jax.Array:
 
 def _write(files: _Files, report: stages.Report, seconds: float) -> None:
     """A chunk's lines; wall-clock times go elsewhere, so that metrics can repeat to the byte."""
+    # The open files stay those of the run, wherever it is; to go on would be in vain.
+    files.folder.held.require_same()
     for line in (*report.episodes, report.chunk):
         files.metrics.append(line)
         files.views.append(line)
@@ -210,18 +216,19 @@ def _save(files: _Files, index: int, progress: StageProgress) -> None:
     """A checkpoint: everything the stage needs to continue to the same bits."""
     mark = Mark.after(files.metrics)
     files.timings.sync()
-    checkpoint.save(
-        files.folder.checkpoints,
-        checkpoint.checkpoint_name(index, progress.ledger.chunks),
-        tree.flatten({"state": progress.state, "best": progress.best}),
-        {
-            "stage": index,
-            "seed": files.folder.seed,
-            "ledger": asdict(progress.ledger),
-            **mark,
-        },
-        files.folder.digest,
-        keep=KEPT,
-        unusable=files.unusable,
-    )
+    with files.folder.held.inside(CHECKPOINTS) as place:
+        checkpoint.save(
+            place,
+            checkpoint.checkpoint_name(index, progress.ledger.chunks),
+            tree.flatten({"state": progress.state, "best": progress.best}),
+            {
+                "stage": index,
+                "seed": files.folder.seed,
+                "ledger": asdict(progress.ledger),
+                **mark,
+            },
+            files.folder.digest,
+            keep=KEPT,
+            unusable=files.unusable,
+        )
     files.unusable = ()

@@ -12,7 +12,7 @@ from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import CheckpointError, RunError
 from lanewise.learning import network
 from lanewise.runs import checkpoint, records, shelf, tree
-from lanewise.runs.folder import RunFolder
+from lanewise.runs.folder import STAGES, RunFolder
 from lanewise.runs.lender import check_lender
 from lanewise.runs.metrics import MetricsWriter
 from lanewise.settings import Settings
@@ -117,7 +117,7 @@ def fingerprint(folder: RunFolder) -> str:
 def save_controller(folder: RunFolder, parameters: Parameters) -> None:
     """Store the finished controller."""
     meta = {"controller": folder.controller, "seed": folder.seed, "lanewise": __version__}
-    checkpoint.save(folder.path, CONTROLLER, tree.flatten(parameters), meta, folder.digest)
+    checkpoint.save(folder.held, CONTROLLER, tree.flatten(parameters), meta, folder.digest)
 
 
 def has_stage(folder: RunFolder, name: str) -> bool:
@@ -163,7 +163,8 @@ def save_stage(
 ) -> None:
     """Store what a stage hands on: the parameters of the levels that learnt in it."""
     told = meta | {"seed": folder.seed}
-    checkpoint.save(folder.stages, stage.name, tree.flatten(parameters), told, folder.digest)
+    with folder.held.inside(STAGES) as place:
+        checkpoint.save(place, stage.name, tree.flatten(parameters), told, folder.digest)
 
 
 def load_stage(folder: RunFolder, stage: Stage, parts: Parts = OURS) -> Parameters:

@@ -5,15 +5,16 @@ continued, so that nothing of what a kill has undone stays in them.
 """
 
 import csv
+import os
 import shutil
 from collections.abc import Mapping
 from contextlib import ExitStack
-from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Protocol, Self
 
 from lanewise.errors import LanewiseError
 from lanewise.runs import metrics
+from lanewise.runs.files import OpenFolder
 from lanewise.runs.records import COLUMNS
 
 FILES = {"episode": "episodes.csv", "chunk": "chunks.csv"}
@@ -37,7 +38,7 @@ class View(Protocol):
 class Views:
     """All views of a run; to be used in a ``with`` block."""
 
-    def __init__(self, folder: Path, *, tensorboard: bool) -> None:
+    def __init__(self, folder: OpenFolder, *, tensorboard: bool) -> None:
         """Opens them and shows what is there.
 
         Args:
@@ -52,10 +53,10 @@ class Views:
             for kind in FILES:
                 self._views.append(Table(folder, kind))
                 opened.callback(self._views[-1].close)
-            if tensorboard or (folder / TENSORBOARD).exists():
-                self._views.append(Events(folder / TENSORBOARD))
+            if tensorboard or (folder.path / TENSORBOARD).exists():
+                self._views.append(Events(folder))
                 opened.callback(self._views[-1].close)
-            for record in metrics.read(folder / "metrics.jsonl"):
+            for record in metrics.read(folder.path / "metrics.jsonl"):
                 self.append(record)
             self._close = opened.pop_all()
 
@@ -79,12 +80,14 @@ class Views:
 class Table:
     """The records of one kind as comma-separated values."""
 
-    def __init__(self, folder: Path, kind: str) -> None:
+    def __init__(self, folder: OpenFolder, kind: str) -> None:
         self._kind = kind
-        path = folder / FILES[kind]
+        folder.require_same()
         # A file of its own: a backup may know the old one by another name.
-        path.unlink(missing_ok=True)
-        self._file: IO[str] = path.open("x", encoding="utf-8", newline="")
+        folder.unlink(FILES[kind])
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+        file = os.open(FILES[kind], flags, 0o644, dir_fd=folder.descriptor)
+        self._file: IO[str] = os.fdopen(file, "w", encoding="utf-8", newline="")
         self._rows = csv.DictWriter(self._file, COLUMNS[kind], lineterminator="\n")
         self._rows.writeheader()
 
@@ -104,10 +107,12 @@ class Table:
 class Events:
     """Chunks as TensorBoard's scalars, by stage, over decisions."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: OpenFolder) -> None:
         writer = needed()
-        shutil.rmtree(folder, ignore_errors=True)
-        self._writer = writer(str(folder))
+        folder.require_same()
+        shutil.rmtree(TENSORBOARD, ignore_errors=True, dir_fd=folder.descriptor)
+        # TensorBoard's writer knows names alone.
+        self._writer = writer(str(folder.path / TENSORBOARD))
 
     def append(self, record: Mapping[str, Any]) -> None:
         """The figures of a chunk."""
