@@ -5,8 +5,9 @@ import sys
 
 import pytest
 
+from lanewise import extras
 from lanewise.errors import LanewiseError
-from lanewise.report import escape, extras, files, table
+from lanewise.report import escape, files, table
 
 
 def test_names_and_values_are_escaped():
@@ -23,7 +24,7 @@ def test_missing_package_says_what_to_install(monkeypatch, part, package):
     for name in [name for name in sys.modules if name.startswith("lanewise.report.")]:
         if name.endswith(("scene", "clip", "curves", "style")):
             monkeypatch.delitem(sys.modules, name)
-    with pytest.raises(LanewiseError, match=r'pip install "lanewise\[report\]"'):
+    with pytest.raises(LanewiseError, match=r'pip install "\.\[report\]" in your clone'):
         importlib.import_module(f"lanewise.report.{part}")
 
 
@@ -67,7 +68,7 @@ def test_two_files_are_written_beside_under_names_of_their_own(tmp_path):
 def test_check_of_extras(monkeypatch):
     extras.check()
     monkeypatch.setattr(extras, "find_spec", lambda name: None)
-    with pytest.raises(LanewiseError, match=r"lanewise\[report\]"):
+    with pytest.raises(LanewiseError, match=r"\.\[report\]"):
         extras.check()
 
 

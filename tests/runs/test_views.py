@@ -98,5 +98,5 @@ def trained(tmp_path):
 def test_without_tensorboardx(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "tensorboardX", None)
     stored(tmp_path, [])
-    with pytest.raises(LanewiseError, match=r"pip install \"lanewise\[tensorboard\]\""):
+    with pytest.raises(LanewiseError, match=r"pip install \"\.\[tensorboard\]\" in your clone"):
         Views(tmp_path, tensorboard=True)

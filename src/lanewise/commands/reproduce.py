@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
-from lanewise import config, cores, crosschecks
+from lanewise import config, cores, crosschecks, extras
 from lanewise.commands.arguments import Parsed
 from lanewise.errors import LanewiseError, RunError, SettingsError, printable
 from lanewise.experiments import experiment as experiments
@@ -67,12 +67,10 @@ def run(parsed: Parsed[Reproduce]) -> int:
         settings = whole.settings(arm, command.trap, overrides)
         if arm.trained:
             crosschecks.check_memory(settings, arm.controller, cores.memory())
-    from lanewise.report import extras
-
     extras.check()
     wanted = any(chosen.count(arm, "highway_env_episodes") for arm in chosen.arms)
     if wanted and find_spec("highway_env") is None:
-        raise LanewiseError('reproduce needs highway-env: pip install "lanewise[report,highway]"')
+        raise LanewiseError(f"reproduce needs highway-env: {extras.install('report', 'highway')}")
     folder.check(command.out, whole)
     from lanewise.experiments import reporting, results, schedule, work
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any
 
-from lanewise import config
+from lanewise import config, extras
 from lanewise.commands import journal as journals
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.journal import Journal
@@ -65,8 +65,6 @@ def run(parsed: Parsed[Sweep]) -> int:
     grid = Grid(**{axis.name: getattr(command, axis.name) for axis in fields(Grid)})
     folder = RunFolder.open(shelf.locate(command.run))
     _check(grid, folder.settings)
-    from lanewise.report import extras
-
     extras.check()
     if (command.out / "map.md").exists():
         raise RunError(f"{command.out} is complete: see {command.out / 'map.md'}")

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
+from lanewise.extras import needed_for
 from lanewise.report import style
-from lanewise.report.extras import needed_for
 from lanewise.report.style import STYLES
 from lanewise.runs.metrics import settled_at
 

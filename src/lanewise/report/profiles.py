@@ -8,8 +8,8 @@ import numpy as np
 
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import Recording
+from lanewise.extras import needed_for
 from lanewise.report import style
-from lanewise.report.extras import needed_for
 from lanewise.report.style import Floats, Look, Style
 
 with needed_for("the profiles"):

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Protocol, Self
 
-from lanewise.errors import LanewiseError
+from lanewise.extras import install, needed_for
 from lanewise.runs import metrics
 from lanewise.runs.records import COLUMNS
 
@@ -129,10 +129,6 @@ def needed() -> Any:
     Raises:
         LanewiseError: it is not installed.
     """
-    try:
+    with needed_for("TensorBoard", install("tensorboard")):
         from tensorboardX import SummaryWriter
-    except ImportError as error:
-        raise LanewiseError(
-            'TensorBoard needs tensorboardX: pip install "lanewise[tensorboard]"'
-        ) from error
     return SummaryWriter
