@@ -47,6 +47,11 @@ def test_hostile_names_stay_inside_their_cell(episodes):
     assert lines[0] == r"| | a\|b\`\<img src=x\> \# c, w\| |"
 
 
+def test_hostile_names_steer_no_terminal(episodes):
+    lines = table.text([summarise(episodes, controller="a\x1b[2J\nb", world="w")]).splitlines()
+    assert lines[0].split() == ["a\\x1b[2J", "b", "w"]
+
+
 def test_unknown_values_are_dashes(episodes):
     summary = summarise(episodes, controller="mine", world="lanewise")
     summary.values["escape_time"] = math.nan

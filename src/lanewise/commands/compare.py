@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from lanewise import config
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.evaluate import WORLDS
-from lanewise.errors import RunError
+from lanewise.errors import RunError, shell_line
 from lanewise.progress import Progress
 from lanewise.ranges import EPISODES, SEEDS, OneOf, show
 from lanewise.runs import shelf
@@ -86,7 +85,7 @@ def run(parsed: Parsed[Compare]) -> int:
         config.differences([folder.settings for folder in folders]),
         command.seed,
         None if command.scenario_of is None else str(command.scenario_of),
-        shlex.join(["lanewise", *sys.argv[1:]]),
+        shell_line("lanewise", *sys.argv[1:]),
     )
     # Printed first: a file that cannot be written must not cost the figures.
     sys.stdout.write(json.dumps(pages.to_json(page)) + "\n" if command.json else pages.text(page))

@@ -1,6 +1,5 @@
 """``lanewise reproduce``: trains, tests and reports the paper's experiments in one go."""
 
-import shlex
 import sys
 import time
 from collections.abc import Mapping
@@ -11,7 +10,7 @@ from typing import Annotated, Any
 
 from lanewise import config, cores, crosschecks, extras
 from lanewise.commands.arguments import Parsed
-from lanewise.errors import LanewiseError, RunError, SettingsError, printable
+from lanewise.errors import LanewiseError, RunError, SettingsError, one_line, shell_line
 from lanewise.experiments import experiment as experiments
 from lanewise.experiments import folder
 from lanewise.experiments.experiment import BUILT_IN, Experiment
@@ -97,10 +96,10 @@ def run(parsed: Parsed[Reproduce]) -> int:
             command.out,
             whole,
             results.collect(whole, every),
-            command=shlex.join(["lanewise", *sys.argv[1:]]),
+            command=shell_line("lanewise", *sys.argv[1:]),
             times=times | {"everything": time.monotonic() - began},
         )
-    sys.stdout.write(f"{text}\nreport: {printable(str(path))}\n")
+    sys.stdout.write(f"{text}\nreport: {one_line(path)}\n")
     return 0
 
 

@@ -1,7 +1,6 @@
 """``lanewise sweep``: tests a trained controller over a grid of starts and draws the map."""
 
 import json
-import shlex
 import sys
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -11,7 +10,7 @@ from lanewise import config, extras
 from lanewise.commands import journal as journals
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.journal import Journal
-from lanewise.errors import RunError, SettingsError, printable
+from lanewise.errors import RunError, SettingsError, one_line, shell_line
 from lanewise.evaluation import grid as grids
 from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
 from lanewise.progress import Progress
@@ -164,9 +163,9 @@ def _report(command: Sweep, grid: Grid, folder: RunFolder, journal: Journal) -> 
             episodes=command.episodes,
             seed=command.seed,
             clearance=command.clearance,
-            command=shlex.join(["lanewise", *sys.argv[1:]]),
+            command=shell_line("lanewise", *sys.argv[1:]),
             cells=cells,
         ),
     )
     (command.out / JOURNAL).unlink()
-    sys.stdout.write(f"{sweep.table(cells)}\n\nmap: {printable(str(path))}\n")
+    sys.stdout.write(f"{sweep.table(cells)}\n\nmap: {one_line(path)}\n")

@@ -15,7 +15,7 @@ from lanewise.evaluation.metrics import (
     published_interval,
 )
 from lanewise.evaluation.statistics import Interval
-from lanewise.report.escape import cell, code
+from lanewise.report.escape import cell, code, line
 
 NOTE = (
     "In parentheses 95 % intervals: exact (Clopper-Pearson) for shares of episodes,",
@@ -75,7 +75,7 @@ def text(summaries: Sequence[Summary]) -> str:
     every = columns(summaries)
     for controller in dict.fromkeys(c.controller for c in every):
         block = [c for c in every if c.controller == controller]
-        rows = [(controller, [c.source for c in block]), *_rows(block)]
+        rows = [(line(controller), [c.source for c in block]), *_rows(block)]
         label = max(len(title) for title, _ in rows)
         widths = [max(len(cells[i]) for _, cells in rows) for i in range(len(block))]
         lines = [
@@ -85,7 +85,7 @@ def text(summaries: Sequence[Summary]) -> str:
             for title, cells in rows
         ]
         rule = "-" * len(lines[0])
-        blocks.append("\n".join([lines[0].rstrip(), rule, *(line.rstrip() for line in lines[1:])]))
+        blocks.append("\n".join([lines[0].rstrip(), rule, *(row.rstrip() for row in lines[1:])]))
     return "\n\n".join([*blocks, "\n".join(NOTE)]) + "\n"
 
 

@@ -16,7 +16,7 @@ import jax
 from lanewise import signals
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
-from lanewise.errors import NumbersError, RunError
+from lanewise.errors import NumbersError, RunError, shell_line
 from lanewise.progress import Progress
 from lanewise.runs import checkpoint, diverged, resume, trained, tree
 from lanewise.runs.folder import RunFolder
@@ -101,7 +101,8 @@ def train(
     """
     trained.check_parts(folder, parts)
     if trained.is_finished(folder):
-        raise RunError(f"{folder.path} is finished; lanewise evaluate {folder.path} tests it")
+        test = shell_line("lanewise", "evaluate", folder.path)
+        raise RunError(f"{folder.path} is finished; {test} tests it")
     if high_level is not None:
         trained.take_over_high_level(folder, high_level, parts)
     left = resume.read(folder, parts)
