@@ -140,6 +140,8 @@ def train(
     Raises:
         LanewiseError: an argument makes no sense, or the folder holds something else, such as a
             run made with another seed or other settings.
+        KeyboardInterrupt: Ctrl-C or SIGTERM, heard once the chunk under way is saved, at a second
+            one at once. A line on standard error, and a note on the exception, say how to go on.
     """
     path: Path = PATH.check("out", out)
     look_up("controller", controller, dict.fromkeys(CONTROLLERS))
@@ -170,11 +172,30 @@ def train(
                 path, composed, controller, 0 if seed is None else seed, parts.names()
             )
         with folder, Progress(quiet=quiet) as reporter:
-            training.train(folder, lender, reporter, tensorboard=tensorboard, parts=parts)
+            try:
+                training.train(folder, lender, reporter, tensorboard=tensorboard, parts=parts)
+            except KeyboardInterrupt as stop:
+                # Said at once, as the caller may catch it, and once more below a traceback.
+                how = f"training stopped; continue with: {_again(folder, lender, parts)}"
+                reporter.note(how)
+                stop.add_note(how)
+                raise
     except OSError as error:
         place = error.filename or path
         raise LanewiseError(f"cannot write {place}: {error.strerror or error}") from error
     return path
+
+
+def _again(folder: RunFolder, lender: Path | None, parts: Parts) -> str:
+    """The call that continues a training."""
+    words = [repr(str(folder.path))]
+    if folder.controller != "hierarchical":
+        words.append(repr(folder.controller))
+    if parts.names():
+        words.append("parts=...")
+    if lender is not None and not folder.stages.exists():
+        words.append(f"high_level={str(lender)!r}")  # not taken over yet
+    return f"lanewise.train({', '.join([*words, 'resume=True'])})"
 
 
 def evaluate(
