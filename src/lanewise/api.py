@@ -20,7 +20,8 @@ from lanewise.evaluation.drive import TestCourse
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.evaluation.metrics import Summary
 from lanewise.evaluation.outside import OutsideCourse
-from lanewise.experiments import testing
+from lanewise.evaluation.settings import EvaluationSettings
+from lanewise.experiments import published, testing
 from lanewise.names import look_up
 from lanewise.progress import Progress
 from lanewise.ranges import EPISODES, SEEDS, Kind
@@ -55,7 +56,7 @@ class Evaluation:
     _record: Any
 
     def __str__(self) -> str:
-        """The table of ``lanewise evaluate``, the published figures beside it where there are."""
+        """The table of ``lanewise evaluate``, beside the paper's figures if the test is its own."""
         return table.text([self.summary]).rstrip("\n")
 
     def table(self, *others: "Evaluation") -> str:
@@ -257,7 +258,7 @@ def evaluate(
         found = driver.test(course, decide, seed, episodes, reporter.update)
     return Evaluation(
         episodes=found,
-        summary=metrics.summarise(found, controller=name, world=world),
+        summary=_summary(found, name, world, course.test),
         _record=lambda index: replace(driver.record(course, decide, seed, index), controller=name),
     )
 
@@ -291,9 +292,22 @@ def _ours(
         found = testing.test(controller, world, episodes, seed, reporter)
     return Evaluation(
         episodes=found,
-        summary=metrics.summarise(found, controller=controller.name, world=world),
+        summary=_summary(found, controller.name, world, testing.course(controller)),
         _record=partial(testing.record, controller, world, seed),
     )
+
+
+def _summary(found: Episodes, name: str, world: str, course: TestCourse) -> Summary:
+    """The metrics of a test, which knows whether it is the paper's."""
+    seconds: Any = course.duration / course.driving.decision_frequency
+    settings = replace(
+        Settings(),
+        scenario=course.scenario,
+        driving=course.driving,
+        evaluation=EvaluationSettings(duration=seconds),
+    )
+    unlike = published.unlike_test(settings, course.parts.names(), course.split)
+    return metrics.summarise(found, controller=name, world=world, unlike_paper=unlike)
 
 
 def _load(policy: str | Path, parts: Parts) -> Trained:

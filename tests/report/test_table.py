@@ -1,5 +1,6 @@
 """The table says what the summaries say, beside what was published."""
 
+import dataclasses
 import math
 
 import pytest
@@ -12,7 +13,7 @@ from lanewise.report import table
 def summaries(episodes):
     pairs = [("hierarchical", "lanewise"), ("hierarchical", "highway-env")]
     pairs += [("single-level", "lanewise"), ("single-level", "highway-env")]
-    return [summarise(episodes, controller=c, world=w) for c, w in pairs]
+    return [summarise(episodes, controller=c, world=w, unlike_paper="") for c, w in pairs]
 
 
 def test_published_stands_first_in_the_papers_order(summaries):
@@ -24,6 +25,22 @@ def test_published_stands_first_in_the_papers_order(summaries):
 def test_other_controllers_have_no_published_column(episodes):
     own = [summarise(episodes, controller="mine", world="lanewise")]
     assert [c.source for c in table.columns(own)] == ["lanewise"]
+
+
+@pytest.mark.parametrize("make", [table.text, table.markdown])
+def test_published_stands_only_beside_the_papers_own_test(episodes, make):
+    own = summarise(episodes, controller="hierarchical", world="lanewise", unlike_paper="")
+    other = dataclasses.replace(own, unlike_paper="scenario.lanes is 4, not 3")
+    unknown = dataclasses.replace(own, unlike_paper=None)
+    assert "331.6" in make([own])
+    assert table.LEFT_OUT not in make([own])
+    for summaries in ([other], [own, other]):
+        assert "331.6" not in make(summaries)
+        assert f"{table.LEFT_OUT}\n- hierarchical: scenario.lanes is 4, not 3\n" in make(summaries)
+    # Whoever has not looked claims nothing.
+    assert "331.6" not in make([unknown])
+    # A controller without published figures misses none.
+    assert table.LEFT_OUT not in make([dataclasses.replace(other, controller="mine")])
 
 
 def test_markdown_is_a_rectangle(summaries):

@@ -175,6 +175,9 @@ class Summary:
     """Episodes by cause: collision, off_road, stopped."""
     intervals: Mapping[str, Interval]
     """95 %, by metric; a metric without an interval is missing."""
+    unlike_paper: str | None = None
+    """What makes the test another than the published ones: empty where nothing does, None where
+    nobody has looked. Not stored."""
 
     def to_json(self) -> dict[str, Any]:
         """One object for JSON: rates as fractions of 1, unknown values as null."""
@@ -201,8 +204,16 @@ class Summary:
         )
 
 
-def summarise(episodes: Episodes, *, controller: str, world: str) -> Summary:
+def summarise(
+    episodes: Episodes, *, controller: str, world: str, unlike_paper: str | None = None
+) -> Summary:
     """Every metric of a set of test episodes.
+
+    Args:
+        episodes: their outcomes.
+        controller: its name.
+        world: its name.
+        unlike_paper: as of `Summary`.
 
     Raises:
         LanewiseError: if there is no episode.
@@ -221,6 +232,7 @@ def summarise(episodes: Episodes, *, controller: str, world: str) -> Summary:
             if code
         },
         {name: interval for name, (_, interval) in computed.items() if isfinite(interval[0])},
+        unlike_paper,
     )
 
 
