@@ -6,7 +6,7 @@ import math
 import pytest
 
 from lanewise.evaluation.metrics import summarise
-from lanewise.report import table
+from lanewise.report import arms, curves, profiles, table
 
 
 @pytest.fixture
@@ -75,3 +75,21 @@ def test_unknown_values_are_dashes(episodes):
     rest = summarise(episodes, controller="mine", world="highway-env")
     row = next(x for x in table.text([summary, rest]).splitlines() if x.startswith("escape"))
     assert row.split()[3] == "-"
+
+
+def test_rewards_and_goals_say_how_they_are_counted(summaries):
+    """Training sums one reward a decision, a test one a second; a goal given up is no time-out."""
+    for shown in (table.text(summaries), table.markdown(summaries)):
+        assert "reward, 1 a second" in shown
+        assert "goals given up, %" in shown
+        assert "time-outs" not in shown
+    assert [title for _, title, *_ in arms.TRAINING[:2]] == [
+        "reward, 1 a decision",
+        "reward, 1 a second",
+    ]
+    labels = [label for _, label, *_ in (*curves.PANELS, *profiles.PANELS)]
+    assert [label.split("\n")[-1] for label in labels if "reward" in label] == [
+        "one a decision",
+        "of a decision",
+        "one a second",
+    ]

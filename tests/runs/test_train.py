@@ -174,3 +174,13 @@ def test_seeds_differ(whole, tmp_path):
         train.train(folder, None, Quiet(("step-1", 1), press_ctrl_c))
     ours = (path / "metrics.jsonl").read_bytes()
     assert ours != (whole / "metrics.jsonl").read_bytes()[: len(ours)]
+
+
+def test_the_figures_shown_while_training_say_how_reward_is_counted():
+    line = {"success_rate": 0.5, "reward": 20.0, "timestep_reward": 10.0, "epsilon": 0.1}
+    line |= {"validation_success_rate": None}
+    assert train._figures(line) == {
+        "success rate": 0.5,
+        "reward (one a decision)": 20.0,
+        "epsilon": 0.1,
+    }

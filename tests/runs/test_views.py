@@ -66,9 +66,9 @@ def test_events_after_a_kill_hold_nothing_that_was_undone(tmp_path):
     with Views(tmp_path, tensorboard=False) as shown:
         shown.append(chunk(2, reward=9.0))
     found = scalars(tmp_path / "tensorboard")
-    assert sorted(s for s in found if s[0] == "step-1/reward") == [
-        ("step-1/reward", 100, 0.5),
-        ("step-1/reward", 200, 9.0),
+    assert sorted(s for s in found if s[0] == "step-1/reward_one_a_decision") == [
+        ("step-1/reward_one_a_decision", 100, 0.5),
+        ("step-1/reward_one_a_decision", 200, 9.0),
     ]
     assert not any(tag.endswith(("loss", "chunk")) for tag, *_ in found)
 

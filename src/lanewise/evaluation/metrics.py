@@ -32,6 +32,8 @@ class Metric:
     """Definition."""
     compute: Callable[[Episodes], tuple[float, Interval]]
     """Value and 95 % interval of a set of episodes; NaN where there is none."""
+    counted: str = ""
+    """How often what it sums is counted; shown in place of a unit."""
     rate: bool = False
     """Is it a share, stored as a fraction of 1 and shown in percent?"""
     single_level: float | None = None
@@ -96,6 +98,7 @@ METRICS = (
         "mean over episodes of the sum of the rewards at the end of each second; an accident adds "
         "its penalty once and ends the sum",
         lambda episodes: _mean(episodes.accumulated_reward),
+        counted="1 a second",
         single_level=3.32,
         hierarchical=13.20,
     ),
@@ -133,7 +136,7 @@ METRICS = (
     ),
     Metric(
         "goal_time_out_rate",
-        "time-outs",
+        "goals given up",
         "",
         "share of the goals that ended by being given up; 0 where they are renewed before that",
         _goal_time_out_rate,

@@ -24,8 +24,8 @@ PAPER = ("accumulated_reward", "average_speed", "success_rate", "travel_distance
 """The metrics of the paper's test table, in its order."""
 SHOWN: tuple[Metric, ...] = tuple(m for name in PAPER for m in METRICS if m.name == name)
 TRAINING = (
-    ("reward", "reward", 1.0, 2),
-    ("timestep_reward", "reward, one a second", 1.0, 2),
+    ("reward", "reward, 1 a decision", 1.0, 2),
+    ("timestep_reward", "reward, 1 a second", 1.0, 2),
     ("speed", "speed, m/s", 1.0, 2),
     ("success", "success, %", 100.0, 1),
 )

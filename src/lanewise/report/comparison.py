@@ -16,10 +16,7 @@ from lanewise.report import sections
 from lanewise.report.escape import cell, code
 from lanewise.report.provenance import versions
 from lanewise.report.sections import Lines, Section, letter
-from lanewise.report.table import NOTE
-
-TERMINAL = 80
-"""Columns of the narrowest terminal worth fitting."""
+from lanewise.report.table import NOTE, TERMINAL
 
 PAIRED_NOTE = (
     "Differences are over the same starts; for shares, +n -m counts the starts that",

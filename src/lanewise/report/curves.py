@@ -23,7 +23,7 @@ Rows = Sequence[Mapping[str, Any]]
 
 PANELS = (
     ("success_rate", "success rate, %", 100.0),
-    ("reward", "reward per episode", 1.0),
+    ("reward", "reward per episode,\none a decision", 1.0),
     ("speed", "average speed, m/s", 1.0),
 )
 """Column of the metrics rows, label with its unit, and factor to that unit."""

@@ -22,6 +22,8 @@ NOTE = (
     "Student's for means over episodes, the delta method's for ratios of sums.",
 )
 """Two lines, each short enough for a terminal."""
+TERMINAL = 80
+"""Columns of the narrowest terminal worth fitting."""
 LEFT_OUT = "Published figures are left out where the paper did something else:"
 CAUSES = ACCIDENTS[1:]
 
@@ -102,8 +104,10 @@ def text(summaries: Sequence[Summary]) -> str:
         rows = [(line(controller), [c.source for c in block]), *_rows(block)]
         label = max(len(title) for title, _ in rows)
         widths = [max(len(cells[i]) for _, cells in rows) for i in range(len(block))]
+        wide = label + sum(widths) + 2 * len(widths)
+        gap = "  " if wide <= TERMINAL else " "
         lines = [
-            "  ".join(
+            gap.join(
                 [title.ljust(label), *(c.rjust(w) for c, w in zip(cells, widths, strict=True))]
             )
             for title, cells in rows
@@ -157,8 +161,8 @@ def _figure(metric: Metric, summary: Summary) -> str:
 
 
 def unit(metric: Metric) -> str:
-    """The unit a metric is shown in; empty for plain numbers."""
-    return "%" if metric.rate else metric.unit
+    """The unit a metric is shown in, or how it is counted; empty for plain numbers."""
+    return "%" if metric.rate else metric.unit or metric.counted
 
 
 def number(metric: Metric, value: float, sign: str = "") -> str:
