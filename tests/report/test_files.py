@@ -1,8 +1,11 @@
 """Files of a report, and what a missing package or a hostile string does to them."""
 
 import importlib
+import json
+import math
 import sys
 
+import numpy as np
 import pytest
 
 from lanewise import extras
@@ -70,6 +73,15 @@ def test_check_of_extras(monkeypatch):
     monkeypatch.setattr(extras, "find_spec", lambda name: None)
     with pytest.raises(LanewiseError, match=r"\.\[report\]"):
         extras.check()
+
+
+def test_what_json_knows_keeps_its_type():
+    kept = {"a": [True, None, 3, 0.5, "x"], "b": math.nan}
+    assert escape.finite(kept) == {"a": kept["a"], "b": None}
+    numpy = [np.bool_(False), np.int32(3), np.float32(0.5), np.float64("inf")]
+    assert json.dumps(escape.finite(numpy)) == "[false, 3, 0.5, null]"
+    with pytest.raises(TypeError, match="ndarray is nothing that JSON knows"):
+        escape.finite([np.zeros(2)])
 
 
 @pytest.mark.parametrize("value", ["`", "``a`", "", " x ", "a\nb|c"])
