@@ -10,9 +10,12 @@ from typing import Any
 
 import speed_tables
 
+from lanewise import config
 from lanewise.evaluation.metrics import Summary
+from lanewise.experiments import published
 from lanewise.report import arms as tables
 from lanewise.report.arms import ArmFigures
+from lanewise.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "results"
@@ -111,7 +114,14 @@ def _figures(report: Any) -> list[ArmFigures]:
         }
         seeds = [seed["seed"] for seed in arm["seeds"]]
         effort = [seed["effort"] for seed in arm["seeds"] if seed["effort"]]
-        found.append(ArmFigures(arm["title"], arm["controller"], seeds, tests, effort=effort))
+        unlike = published.unlike_test(config.replace(Settings(), arm["settings"]))
+        found.append(
+            ArmFigures(
+                *(arm["title"], arm["controller"], seeds, tests),
+                effort=effort,
+                unlike_paper=unlike,
+            )
+        )
     return found
 
 

@@ -89,12 +89,12 @@ def with_defaults(text: str) -> str:
 
 def with_rows(text: str) -> str:
     """A page with its rows of the table of readings up to date, as a list."""
-    flat = config.flatten(config.compose())
+    arms = readings.by_default()
 
     def listed(match: re.Match[str]) -> str:
         wanted = match[1].split()
         found = {row["number"]: row for row in readings.rows() if row["number"] in wanted}
-        lines = [f"- {readings.sentence(found[number], flat)}" for number in wanted]
+        lines = [f"- {readings.sentence(found[number], arms)}" for number in wanted]
         where = "[The readings](paper.md#what-the-paper-leaves-open) behind it:"
         body = "\n".join([where, "", *lines])
         return f"<!-- rows {match[1]} -->\n\n{body}\n\n<!-- /rows -->"
@@ -121,7 +121,7 @@ def paper_page() -> str:
     """paper.md with its table of readings."""
     text = (DOCS / "paper.md").read_text(encoding="utf-8")
     head, rest = text.split(BEGIN)
-    table = readings.table(config.flatten(config.compose()))
+    table = readings.table(readings.by_default())
     return f"{head}{BEGIN}\n\n{table}\n{END}{rest.split(END)[1]}"
 
 

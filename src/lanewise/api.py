@@ -20,7 +20,8 @@ from lanewise.evaluation.drive import TestCourse
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.evaluation.metrics import Summary
 from lanewise.evaluation.outside import OutsideCourse
-from lanewise.experiments import testing
+from lanewise.evaluation.settings import EvaluationSettings
+from lanewise.experiments import published, testing
 from lanewise.names import look_up
 from lanewise.progress import Progress
 from lanewise.ranges import EPISODES, SEEDS, Kind
@@ -55,7 +56,7 @@ class Evaluation:
     _record: Any
 
     def __str__(self) -> str:
-        """The table of ``lanewise evaluate``, the published figures beside it where there are."""
+        """The table of ``lanewise evaluate``, beside the paper's figures if the test is its own."""
         return table.text([self.summary]).rstrip("\n")
 
     def table(self, *others: "Evaluation") -> str:
@@ -141,6 +142,8 @@ def train(
     Raises:
         LanewiseError: an argument makes no sense, or the folder holds something else, such as a
             run made with another seed or other settings.
+        KeyboardInterrupt: Ctrl-C or SIGTERM, heard once the chunk under way is saved, at a second
+            one at once. A line on standard error, and a note on the exception, say how to go on.
     """
     forked.refuse()
     path: Path = PATH.check("out", out)
@@ -172,11 +175,30 @@ def train(
                 path, composed, controller, 0 if seed is None else seed, parts.names()
             )
         with folder, Progress(quiet=quiet) as reporter:
-            training.train(folder, lender, reporter, tensorboard=tensorboard, parts=parts)
+            try:
+                training.train(folder, lender, reporter, tensorboard=tensorboard, parts=parts)
+            except KeyboardInterrupt as stop:
+                # Said at once, as the caller may catch it, and once more below a traceback.
+                how = f"training stopped; continue with: {_again(folder, lender, parts)}"
+                reporter.note(how)
+                stop.add_note(how)
+                raise
     except OSError as error:
         place = error.filename or path
         raise LanewiseError(f"cannot write {place}: {error.strerror or error}") from error
     return path
+
+
+def _again(folder: RunFolder, lender: Path | None, parts: Parts) -> str:
+    """The call that continues a training."""
+    words = [repr(str(folder.path))]
+    if folder.controller != "hierarchical":
+        words.append(repr(folder.controller))
+    if parts.names():
+        words.append("parts=...")
+    if lender is not None and not folder.stages.exists():
+        words.append(f"high_level={str(lender)!r}")  # not taken over yet
+    return f"lanewise.train({', '.join([*words, 'resume=True'])})"
 
 
 def evaluate(
@@ -239,7 +261,7 @@ def evaluate(
         found = driver.test(course, decide, seed, episodes, reporter.update)
     return Evaluation(
         episodes=found,
-        summary=metrics.summarise(found, controller=name, world=world),
+        summary=_summary(found, name, world, course.test),
         _record=lambda index: replace(driver.record(course, decide, seed, index), controller=name),
     )
 
@@ -273,9 +295,22 @@ def _ours(
         found = testing.test(controller, world, episodes, seed, reporter)
     return Evaluation(
         episodes=found,
-        summary=metrics.summarise(found, controller=controller.name, world=world),
+        summary=_summary(found, controller.name, world, testing.course(controller)),
         _record=partial(testing.record, controller, world, seed),
     )
+
+
+def _summary(found: Episodes, name: str, world: str, course: TestCourse) -> Summary:
+    """The metrics of a test, which knows whether it is the paper's."""
+    seconds: Any = course.duration / course.driving.decision_frequency
+    settings = replace(
+        Settings(),
+        scenario=course.scenario,
+        driving=course.driving,
+        evaluation=EvaluationSettings(duration=seconds),
+    )
+    unlike = published.unlike_test(settings, course.parts.names(), course.split)
+    return metrics.summarise(found, controller=name, world=world, unlike_paper=unlike)
 
 
 def _load(policy: str | Path, parts: Parts) -> Trained:

@@ -3,8 +3,8 @@
 Imports no JAX, so that ``--help`` and a refused setting answer at once.
 """
 
+import io
 import os
-import shlex
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -24,7 +24,7 @@ from lanewise.commands import (
     watch,
 )
 from lanewise.commands.arguments import Parsed, parse, without_settings
-from lanewise.errors import LanewiseError, SettingsError, brief, printable
+from lanewise.errors import LanewiseError, SettingsError, brief, printable, shell_line
 from lanewise.names import look_up
 from lanewise.version import __version__
 
@@ -68,6 +68,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     decision that differs, 2 refused, 130 interrupted, by Ctrl-C or SIGTERM.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
+    for stream in (sys.stdout, sys.stderr):
+        _spell_out(stream)
     try:
         with signals.heard(signal.SIGTERM, signal.default_int_handler):
             code = _dispatch(words)
@@ -123,6 +125,12 @@ def _tell(text: str) -> None:
     _abandon(sys.stderr)
 
 
+def _spell_out(stream: TextIO) -> None:
+    """Lets a stream spell out what its encoding lacks, instead of failing there."""
+    if isinstance(stream, io.TextIOWrapper):
+        stream.reconfigure(errors="backslashreplace")
+
+
 def _abandon(stream: TextIO) -> None:
     """Keeps Python from failing a second time when it flushes a stream at exit."""
     try:
@@ -139,4 +147,4 @@ def _how_to_resume(words: list[str]) -> str:
         return ""
     # A file of settings may have been edited since.
     again = train.resuming(without_settings(train.Train, words[1:]))
-    return f"; continue with:\n  {shlex.join(['lanewise', *again])}"
+    return f"; continue with:\n  {shell_line('lanewise', *again)}"

@@ -1,5 +1,7 @@
 """The errors Lanewise reports to people: one or two lines, what is wrong and what to do."""
 
+import os
+import shlex
 import unicodedata
 from typing import Any
 
@@ -50,10 +52,28 @@ def printable(text: str) -> str:
     return "".join(_spelled(char) if _steers(char) else char for char in text)
 
 
+def one_line(value: object) -> str:
+    """A text as `printable`, line feeds spelled out as well."""
+    return printable(str(value)).replace("\n", "\\n")
+
+
 def brief(value: object) -> str:
     """What a file calls something, on one line and short enough to be quoted in a message."""
-    text = value if isinstance(value, str) else repr(value)
-    return printable(text[:80]).replace("\n", "\\n")
+    return one_line((value if isinstance(value, str) else repr(value))[:80])
+
+
+def shell_line(*words: object) -> str:
+    """A command to be typed or pasted; a word that would steer a terminal is spelled out in it."""
+    return " ".join(map(_shell_word, map(str, words)))
+
+
+def _shell_word(word: str) -> str:
+    if one_line(word) == word:
+        return shlex.quote(word)
+    # As bash, zsh and ksh read it, byte by byte: names of files need not be text.
+    harmless = set(range(0x20, 0x7F)) - set(b"'\\")
+    spelled = (chr(b) if b in harmless else f"\\x{b:02x}" for b in os.fsencode(word))
+    return f"$'{''.join(spelled)}'"
 
 
 def _steers(char: str) -> bool:

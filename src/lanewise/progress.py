@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, TaskID, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
-from lanewise.errors import printable
+from lanewise.errors import one_line, printable
 
 
 class Progress:
@@ -53,7 +53,9 @@ class Progress:
         """Begins a stage that is complete at ``total``; a resumed one begins at ``done``."""
         if self._quiet:
             return
-        self._name, self._total, self._first = name, total, done
+        # It may be called what a stranger likes.
+        name = self._name = one_line(name)
+        self._total, self._first = total, done
         self._began = None
         self._last_line = self._clock()
         if self._bar is not None:
@@ -130,8 +132,12 @@ class UnfailingStream:
     def write(self, text: str) -> int:
         """Write it if that can be done."""
         with suppress(OSError):
-            self._stream.write(text)
+            self._stream.write(self._encodable(text))
         return len(text)
+
+    def _encodable(self, text: str) -> str:
+        """What the stream's encoding lacks is spelled out."""
+        return text.encode(self.encoding, "backslashreplace").decode(self.encoding)
 
     def flush(self) -> None:
         """Pass it on if that can be done."""
@@ -156,7 +162,7 @@ def unfailing(stream: TextIO) -> TextIO:
 def tell(line: str) -> None:
     """Says on standard error how far a command is, if that can be written."""
     stream = unfailing(sys.stderr)
-    stream.write(line + "\n")
+    stream.write(one_line(line) + "\n")
     stream.flush()
 
 

@@ -1,3 +1,4 @@
+import io
 import os
 import pathlib
 import subprocess
@@ -9,6 +10,7 @@ from lanewise import __version__, cli
 from lanewise.cli import main
 from lanewise.commands import compare, train
 from lanewise.commands.arguments import parse
+from lanewise.report import provenance
 from lanewise.runs.folder import RunFolder
 from lanewise.settings import Settings
 
@@ -230,6 +232,27 @@ def test_help_lists_every_command(capsys):
     assert main([]) == 0
     output = capsys.readouterr().out
     assert all(name in output for name in cli.COMMANDS)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
+def test_nothing_fails_for_want_of_a_letter(encoding, monkeypatch):
+    """`PYTHONIOENCODING=ascii:strict lanewise --help`, and whatever else is printed."""
+    monkeypatch.setattr(provenance, "_processor", lambda: "Intel® Core™ 日本")
+    streams = {
+        name: io.TextIOWrapper(io.BytesIO(), encoding=encoding, errors="strict")
+        for name in ("stdout", "stderr")
+    }
+    for name, stream in streams.items():
+        monkeypatch.setattr(sys, name, stream)
+    for words in ([], *([command] for command in cli.COMMANDS)):
+        assert main([*words, "--help"]) == 0
+    assert main(["doctor"]) == 0
+    assert main(["evaluate", "größe 日本"]) == 2
+    monkeypatch.undo()
+    said = {name: stream.buffer.getvalue().decode(encoding) for name, stream in streams.items()}
+    assert "Core" in said["stdout"]
+    assert "\\u65e5\\u672c" in said["stdout"]
+    assert "\\u65e5\\u672c" in said["stderr"]
 
 
 @pytest.mark.parametrize("command", ["train", "reproduce"])

@@ -1,6 +1,8 @@
 """What is installed and what is missing, told with one line of advice each."""
 
 import json
+import re
+from pathlib import Path
 
 import pytest
 
@@ -34,7 +36,7 @@ def test_what_is_missing(monkeypatch, capsys):
     monkeypatch.setattr(installation, "version", version)
     assert main(["doctor"]) == 1  # highway-env 1.0 is another than ours speaks of
     said = capsys.readouterr().out
-    assert 'pip install "lanewise[report]" brings matplotlib' in said
+    assert 'pip install ".[report]" in your clone brings matplotlib' in said
     assert "highway-env 1.12.1 is needed, 1.0 is here" in said
 
 
@@ -43,7 +45,7 @@ def test_a_gpu_that_jax_does_not_use(monkeypatch, here):
     monkeypatch.setattr(installation.shutil, "which", lambda name: "nvidia-smi" if here else None)
     *_, gpu = installation.examine()
     if gpu.status != "ok":
-        assert ("lanewise[cuda13]" in gpu.advice) == here
+        assert (".[cuda13]" in gpu.advice) == here
 
 
 def test_a_package_that_does_not_import(monkeypatch):
@@ -55,3 +57,14 @@ def test_a_package_that_does_not_import(monkeypatch):
     report = found["pictures, clips, report pages"]
     assert report.status == "broken"
     assert "does not import (libpng.so: cannot open)" in report.advice
+
+
+def test_nobody_is_sent_to_a_registry_for_lanewise():
+    """There the name may be somebody else's; extras of ours come from the clone."""
+    package = Path(installation.__file__).parents[1]
+    sent = [
+        path.name
+        for path in package.rglob("*.py")
+        if re.search(r"lanewise\[|pip install[^\n]* lanewise\b", path.read_text("utf-8"))
+    ]
+    assert sent == []

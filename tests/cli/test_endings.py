@@ -9,6 +9,10 @@ import pytest
 
 from lanewise import cli
 from lanewise.cli import main
+from lanewise.errors import printable
+from lanewise.experiments import testing
+from lanewise.report import clip
+from lanewise.runs import train
 
 TRAIN = ["train", "hierarchical", "--out", "run"]
 
@@ -41,6 +45,61 @@ def test_interruption_says_how_to_go_on(tmp_path, monkeypatch, capsys):
     assert main(words) == 130
     expected = "lanewise train hierarchical --out 'my run' --resume"
     assert capsys.readouterr().err.splitlines()[-1].strip() == expected
+
+
+STEERING = ("a\x1b[31mb\nc", "it's\t\x07", os.fsdecode(b"caf\xe9 \xff"), "\u202egnp", "ä ö")
+"""Names of folders that would steer a terminal, or that no text can hold."""
+
+
+def words_of(line):
+    """What a shell makes of a line."""
+    script = f"for word in {line.strip()}; do printf '%s\\0' \"$word\"; done"
+    said = subprocess.run(["bash", "-c", script], capture_output=True, check=True).stdout
+    return [os.fsdecode(word) for word in said.split(b"\0")[:-1]]
+
+
+def plain(text):
+    """It steers no terminal."""
+    assert printable(text) == text
+    return text
+
+
+@pytest.mark.parametrize("name", STEERING)
+def test_how_to_resume_leads_to_the_folder_whatever_its_name(name, monkeypatch, capsys):
+    fail_with(KeyboardInterrupt(), monkeypatch)
+    assert main(["train", "single-level", "--out", name]) == 130
+    error = plain(capsys.readouterr().err)
+    assert error.count("\n") == 3
+    expected = ["lanewise", "train", "single-level", "--out", name, "--resume"]
+    assert words_of(error.splitlines()[-1]) == expected
+
+
+def test_a_name_without_anything_odd_is_shown_as_it_is(monkeypatch, capsys):
+    fail_with(KeyboardInterrupt(), monkeypatch)
+    assert main(["train", "single-level", "--out", "größe 日本"]) == 130
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == "  lanewise train single-level --out 'größe 日本' --resume"
+
+
+@pytest.mark.parametrize("name", STEERING)
+def test_finished_and_wrote_steer_no_terminal(name, monkeypatch, capsys):
+    monkeypatch.setattr(train, "train", lambda *_, **__: None)
+    assert main(["train", "single-level", "--out", name]) == 0
+    finished = plain(capsys.readouterr().err)
+    assert finished.count("\n") == 1
+    assert words_of(finished.partition("; ")[2]) == ["lanewise", "evaluate", name, "tests", "it"]
+    monkeypatch.setattr(testing, "record", lambda *_: None)
+    monkeypatch.setattr(clip, "render", lambda *_: None)
+    out = f"{name}.gif"
+    assert main(["watch", "pretrained/single-level", "-o", out]) == 0
+    assert plain(capsys.readouterr().err).count("\n") == 3
+    assert main(["export", "pretrained/single-level", "-o", f"{name}.npz"]) == 0
+    assert plain(capsys.readouterr().err).count("\n") == 1
+    # What is not finished says how to go on.
+    assert main(["evaluate", name]) == 2
+    said = plain(capsys.readouterr().err).partition("; ")[2]
+    wanted = ["lanewise", "train", "single-level", "--out", name, "--resume", "continues", "it"]
+    assert words_of(said) == wanted
 
 
 def test_interruption_after_the_settings_file_was_edited(inside, monkeypatch, capsys):

@@ -71,7 +71,7 @@ def test_other_refusals(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("package", "words", "advice"),
     [
-        ("onnx", (), 'pip install "lanewise[onnx]"'),
+        ("onnx", (), 'pip install ".[onnx]" in your clone'),
         ("onnxruntime", ("--check", "5"), "pip install onnxruntime"),
     ],
 )

@@ -125,6 +125,34 @@ def test_nor_because_a_command_cannot_say_how_far_it_is(monkeypatch):
         assert "sys.stderr.write" not in module.read_text(), module.name
 
 
+@pytest.mark.parametrize("kind", [io.StringIO, Terminal])
+def test_what_is_said_does_not_steer_a_terminal(kind, capsys):
+    """A policy is called what its author likes, a file what a stranger likes."""
+    stream, plain = kind(), kind()
+    for each, name in ((stream, "a\x1b[2Jb\nc\u202e"), (plain, "name")):
+        with Progress(each, interval=0.0) as progress:
+            progress.stage(name, 2)
+            progress.update(1)
+            progress.note(name)
+    assert "\x1b[2J" not in stream.getvalue()
+    assert "\u202e" not in stream.getvalue()
+    assert "a\\x1b[2Jb\\nc\\u202e" in stream.getvalue()
+    tell("wrote a\x1b[2Jb")
+    assert capsys.readouterr().err == "wrote a\\x1b[2Jb\n"
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
+def test_nothing_ends_because_a_stream_lacks_a_letter(encoding, monkeypatch):
+    stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding, errors="strict")
+    with Progress(stream, interval=0.0) as progress:
+        progress.stage("ε-greedy 日本", 1)
+        progress.note("größe ∞")
+    monkeypatch.setattr(sys, "stderr", stream)
+    tell("wrote 日本.gif")
+    stream.flush()
+    assert b"\\u65e5\\u672c" in stream.buffer.getvalue()
+
+
 def test_what_a_command_says_stands_on_a_line(capsys):
     tell("drawing")
     assert capsys.readouterr().err == "drawing\n"

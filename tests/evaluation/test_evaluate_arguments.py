@@ -14,6 +14,7 @@ from lanewise.errors import LanewiseError
 from lanewise.evaluation import metrics
 from lanewise.evaluation.episodes import Episodes
 from lanewise.ranges import Kind
+from lanewise.report import table
 from lanewise.runs import trained
 
 
@@ -167,3 +168,42 @@ def test_results_are_written_to_paths(found, write, place):
 def test_results_are_not_written_to_folders(found, place):
     with pytest.raises(LanewiseError, match="a folder has that name"):
         found.save(place)
+
+
+@pytest.mark.parametrize(
+    ("settings", "why"),
+    [
+        ({}, ""),
+        ({"scaling": "highway-env", "goals": {"time_limit": 9.0}}, ""),
+        ({"duration": 40}, "evaluation.duration is 40.0, not 25"),
+        ({"trap": "trap-10.9"}, "scenario.trap_speed is 10.9, not 10.0"),
+        ({"preset": "ranges"}, ""),
+        ({"split": "training"}, "its starts are those of training"),
+        ({"accident_penalty": 1.0}, "driving.reward.accident_penalty is 1.0, not 10.0"),
+        ({"parts": PARTS}, f"reward: {__name__}.hurry"),
+    ],
+    ids=str,
+)
+def test_the_published_figures_stand_beside_the_papers_test_alone(
+    monkeypatch, found, settings, why
+):
+    monkeypatch.setattr(api.outside, "test", lambda *_: found.episodes)
+    tested = lanewise.evaluate(idle, name="hierarchical", quiet=True, **settings)
+    assert tested.summary.unlike_paper == why
+    for shown in (str(tested), tested.table()):
+        assert ("97.67" in shown) == (why == "")
+        assert (table.LEFT_OUT in shown) == (why != "")
+    assert tested.summary.to_json().keys() == found.summary.to_json().keys()
+
+
+def test_a_controller_of_ours_brings_the_settings_that_decide_this(monkeypatch, found):
+    monkeypatch.setattr(api.testing, "test", lambda *_: found.episodes)
+    ours = trained.load(Path("pretrained/single-level"))
+    assert lanewise.evaluate(ours, quiet=True).summary.unlike_paper == ""
+    longer = dataclasses.replace(ours.settings.evaluation, duration=40)
+    other = dataclasses.replace(
+        ours, settings=dataclasses.replace(ours.settings, evaluation=longer)
+    )
+    found = lanewise.evaluate(other, quiet=True)
+    assert "published" not in str(found).replace(table.LEFT_OUT, "")
+    assert "single-level: evaluation.duration is 40.0, not 25" in str(found)

@@ -9,6 +9,7 @@ from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.metrics import summarise
 from lanewise.report import arms
 from lanewise.report.arms import ArmFigures
+from lanewise.report.table import LEFT_OUT
 
 
 def summary(controller, success, accidents=0, count=100, reward=1.0):
@@ -29,7 +30,8 @@ def summary(controller, success, accidents=0, count=100, reward=1.0):
 
 def arm(title, controller, successes, **more):
     tests = {"lanewise": [summary(controller, s, reward=s / 10) for s in successes]}
-    return ArmFigures(title, controller, range(len(successes)), tests, **more)
+    likely = {"unlike_paper": "", "unlike_papers_training": ""}
+    return ArmFigures(title, controller, range(len(successes)), tests, **likely | more)
 
 
 OURS = arm("two levels", "hierarchical", [98, 99, 100, 100, 90])
@@ -57,6 +59,29 @@ def test_the_test_table_has_means_extremes_and_the_published_row_once():
     assert rows[5][column] == "50.00"
     assert [row[1] for row in rows[1:]] == ["-", "5", "-", "5", "1"]
     assert len({len(row) for row in rows}) == 1
+
+
+@pytest.mark.parametrize("make", [arms.tests, arms.text])
+def test_published_rows_stand_only_above_the_papers_own_tests(make):
+    four = dataclasses.replace(OURS, title="four lanes", unlike_paper="scenario.lanes is 4, not 3")
+    more = dataclasses.replace(four, title="and more")
+    found = make([four, FLAT, OURS, more], "lanewise")
+    rows = [row for row in found.splitlines() if "97.67" in row or "97.40" in row]
+    assert [("published" in row, "four" in row, "two" in row) for row in rows[:3]] == [
+        *((False, True, False), (True, False, False), (False, False, True)),
+    ]
+    assert found.endswith(f"{LEFT_OUT}\n- four lanes, and more: scenario.lanes is 4, not 3\n")
+    assert "hierarchical, published" not in make([four], "lanewise")
+    unknown = dataclasses.replace(OURS, unlike_paper=None)
+    assert "published" not in make([unknown], "lanewise")
+
+
+def test_published_training_stands_only_above_the_papers_own_training():
+    rows = [{"reward": 1.0, "timestep_reward": 0.5, "speed": 10.0, "success": 0.0}]
+    paid = arm("paid", "hierarchical", [1], training=[rows], unlike_papers_training="w is 2, not 1")
+    found = arms.training([paid])
+    assert "47.94" not in found
+    assert found.endswith(f"{LEFT_OUT}\n- paid: w is 2, not 1\n")
 
 
 def test_every_seed_has_its_exact_interval():

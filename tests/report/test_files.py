@@ -1,12 +1,16 @@
 """Files of a report, and what a missing package or a hostile string does to them."""
 
 import importlib
+import json
+import math
 import sys
 
+import numpy as np
 import pytest
 
+from lanewise import extras
 from lanewise.errors import LanewiseError
-from lanewise.report import escape, extras, files, table
+from lanewise.report import escape, files, table
 
 
 def test_names_and_values_are_escaped():
@@ -23,7 +27,7 @@ def test_missing_package_says_what_to_install(monkeypatch, part, package):
     for name in [name for name in sys.modules if name.startswith("lanewise.report.")]:
         if name.endswith(("scene", "clip", "curves", "style")):
             monkeypatch.delitem(sys.modules, name)
-    with pytest.raises(LanewiseError, match=r'pip install "lanewise\[report\]"'):
+    with pytest.raises(LanewiseError, match=r'pip install "\.\[report\]" in your clone'):
         importlib.import_module(f"lanewise.report.{part}")
 
 
@@ -67,8 +71,17 @@ def test_two_files_are_written_beside_under_names_of_their_own(tmp_path):
 def test_check_of_extras(monkeypatch):
     extras.check()
     monkeypatch.setattr(extras, "find_spec", lambda name: None)
-    with pytest.raises(LanewiseError, match=r"lanewise\[report\]"):
+    with pytest.raises(LanewiseError, match=r"\.\[report\]"):
         extras.check()
+
+
+def test_what_json_knows_keeps_its_type():
+    kept = {"a": [True, None, 3, 0.5, "x"], "b": math.nan}
+    assert escape.finite(kept) == {"a": kept["a"], "b": None}
+    numpy = [np.bool_(False), np.int32(3), np.float32(0.5), np.float64("inf")]
+    assert json.dumps(escape.finite(numpy)) == "[false, 3, 0.5, null]"
+    with pytest.raises(TypeError, match="ndarray is nothing that JSON knows"):
+        escape.finite([np.zeros(2)])
 
 
 @pytest.mark.parametrize("value", ["`", "``a`", "", " x ", "a\nb|c"])

@@ -183,3 +183,12 @@ def test_errors_do_not_steer_a_terminal(name):
 def test_what_is_harmless_stays_as_it_is():
     text = "Größe, 日本語, שלום, \u0645\u06cc\u200c\u062e\u0648 👩\u200d🚗"
     assert printable(text) == line(text) == text
+
+
+def test_what_is_stored_keeps_its_types(made):
+    """And says whether the published figures may stand beside an arm's."""
+    stored = json.loads((made[0] / "report.json").read_text("utf-8"))
+    settings = stored["arms"][0]["settings"]
+    assert settings["scenario.missing_target_speed"] is True
+    assert settings["scenario.training_front_distance"] == [14.8, 16.44]
+    assert stored["arms"][0]["unlike_published"] == {"test": "", "training": ""}

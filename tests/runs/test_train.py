@@ -231,3 +231,13 @@ def test_step_1_is_taken_over_into_no_other_folder(tmp_path, whole):
         with pytest.raises(RunError, match="was moved"):
             train.train(folder, whole, Quiet())
     assert not path.exists()
+
+
+def test_the_figures_shown_while_training_say_how_reward_is_counted():
+    line = {"success_rate": 0.5, "reward": 20.0, "timestep_reward": 10.0, "epsilon": 0.1}
+    line |= {"validation_success_rate": None}
+    assert train._figures(line) == {
+        "success rate": 0.5,
+        "reward (one a decision)": 20.0,
+        "epsilon": 0.1,
+    }

@@ -1,11 +1,12 @@
 """What `lanewise.train` is given besides a stopped run, and where it is to train."""
 
+import os
 import re
 
 import pytest
 
 import lanewise
-from lanewise import api, config
+from lanewise import Parts, api, config
 from lanewise.cli import main
 from lanewise.errors import LanewiseError, RunError, SettingsError
 from lanewise.runs.folder import RunFolder
@@ -103,3 +104,51 @@ def test_a_path_may_be_text_or_a_path(tmp_path, trained):
 def test_the_zero_byte_is_spelled_out(trained):
     with pytest.raises(LanewiseError, match=re.escape(r'got "a\x00b"')):
         lanewise.train("a\0b")
+
+
+def reward_of_mine(settings, world, steering, ended):
+    return world.vehicles.speed[0]
+
+
+@pytest.mark.parametrize(
+    ("given", "again"),
+    [
+        ({}, "{out}, resume=True"),
+        ({"controller": "h-dqn", "quiet": True}, "{out}, 'h-dqn', resume=True"),
+        ({"parts": Parts(reward=reward_of_mine)}, "{out}, parts=..., resume=True"),
+    ],
+    ids=["the-default", "quiet", "own-parts"],
+)
+@pytest.mark.parametrize("name", ["it's", "a\x1b[31mb\nc", os.fsdecode(b"caf\xe9")])
+def test_an_interruption_says_how_to_go_on(tmp_path, monkeypatch, capsys, name, given, again):
+    """Also where all else is quiet, and below the traceback that the caller's handler may show."""
+
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(api.training, "train", stopped)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        lanewise.train(name, **given)
+    call = f"lanewise.train({again.format(out=repr(name))})"
+    assert caught.value.__notes__ == [f"training stopped; continue with: {call}"]
+    said = capsys.readouterr().err
+    assert said == f"training stopped; continue with: {call}\n"
+    # It does go on, and a run of another's parts is not the one that stopped.
+    monkeypatch.setattr(api.training, "train", lambda *_, **__: None)
+    eval(call.replace("...", "given['parts']"), {"lanewise": lanewise, "given": given})
+
+
+def test_a_step_1_that_was_not_taken_over_yet_is_given_again(tmp_path, run, monkeypatch):
+    def stopped(folder, *_, **__):
+        if taken_over:
+            folder.stages.mkdir()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(api, "check_lender", lambda *_: None)
+    monkeypatch.setattr(api.training, "train", stopped)
+    for taken_over in (False, True):
+        out = tmp_path / str(taken_over)
+        with pytest.raises(KeyboardInterrupt) as caught:
+            lanewise.train(out, high_level=run)
+        assert (f"high_level={str(run)!r}" in caught.value.__notes__[0]) != taken_over

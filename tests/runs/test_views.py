@@ -67,9 +67,9 @@ def test_events_after_a_kill_hold_nothing_that_was_undone(tmp_path):
     with Views(OpenFolder(tmp_path), tensorboard=False) as shown:
         shown.append(chunk(2, reward=9.0))
     found = scalars(tmp_path / "tensorboard")
-    assert sorted(s for s in found if s[0] == "step-1/reward") == [
-        ("step-1/reward", 100, 0.5),
-        ("step-1/reward", 200, 9.0),
+    assert sorted(s for s in found if s[0] == "step-1/reward_one_a_decision") == [
+        ("step-1/reward_one_a_decision", 100, 0.5),
+        ("step-1/reward_one_a_decision", 200, 9.0),
     ]
     assert not any(tag.endswith(("loss", "chunk")) for tag, *_ in found)
 
@@ -99,5 +99,5 @@ def trained(tmp_path):
 def test_without_tensorboardx(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "tensorboardX", None)
     stored(tmp_path, [])
-    with pytest.raises(LanewiseError, match=r"pip install \"lanewise\[tensorboard\]\""):
+    with pytest.raises(LanewiseError, match=r"pip install \"\.\[tensorboard\]\" in your clone"):
         Views(OpenFolder(tmp_path), tensorboard=True)

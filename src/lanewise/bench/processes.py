@@ -2,7 +2,6 @@
 
 import json
 import os
-import shlex
 import subprocess
 import sys
 import tempfile
@@ -13,7 +12,7 @@ from typing import IO, Any
 
 from lanewise import cores
 from lanewise.bench import runner
-from lanewise.errors import LanewiseError
+from lanewise.errors import LanewiseError, shell_line
 
 WORKERS = Path(__file__).parent / "workers"
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -123,7 +122,7 @@ def output(words: Sequence[str]) -> str:
     done = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False)
     if done.returncode:
         said = done.stderr.strip().splitlines()
-        raise LanewiseError(f"{shlex.join(words)} failed: {said[-1] if said else 'no message'}")
+        raise LanewiseError(f"{shell_line(*words)} failed: {said[-1] if said else 'no message'}")
     return done.stdout
 
 

@@ -1,7 +1,6 @@
 """``lanewise bench``: measures speed on this machine, beside the peers that are installed."""
 
 import json
-import shlex
 import sys
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from lanewise import cores
 from lanewise.commands.arguments import Parsed
-from lanewise.errors import LanewiseError, RunError
+from lanewise.errors import LanewiseError, RunError, shell_line
 from lanewise.progress import Progress
 from lanewise.ranges import Between, OneOf
 
@@ -115,7 +114,7 @@ def _provenance(command: Bench, peers: dict[str, str]) -> dict[str, Any]:
     from lanewise.report import provenance
 
     return {
-        "command": shlex.join(["lanewise", *sys.argv[1:]]),
+        "command": shell_line("lanewise", *sys.argv[1:]),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": provenance.machine(),
         "versions": provenance.versions() | peers,

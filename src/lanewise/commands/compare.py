@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from lanewise import config
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.evaluate import WORLDS
-from lanewise.errors import RunError
+from lanewise.errors import RunError, shell_line
+from lanewise.experiments.published import belongs_to_test
 from lanewise.progress import Progress
 from lanewise.ranges import EPISODES, SEEDS, OneOf, show
 from lanewise.runs import shelf
@@ -22,11 +22,6 @@ from lanewise.settings import Settings
 if TYPE_CHECKING:
     from lanewise.evaluation.episodes import Episodes
     from lanewise.runs.trained import Trained
-
-TRAINING_STARTS = "scenario.training_"
-"""Begins the scenario settings that tests do not use."""
-CONTROLLERS_OWN = ("driving.observation.", "driving.actions.")
-"""What a controller sees and can do: part of it, not of the test."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +81,7 @@ def run(parsed: Parsed[Compare]) -> int:
         config.differences([folder.settings for folder in folders]),
         command.seed,
         None if command.scenario_of is None else str(command.scenario_of),
-        shlex.join(["lanewise", *sys.argv[1:]]),
+        shell_line("lanewise", *sys.argv[1:]),
     )
     # Printed first: a file that cannot be written must not cost the figures.
     sys.stdout.write(json.dumps(pages.to_json(page)) + "\n" if command.json else pages.text(page))
@@ -123,7 +118,7 @@ def _settings(folders: Sequence[RunFolder], scenario_of: Path | None) -> list[Se
         settings = [config.replace(each, scenario) for each in settings]
     for folder, own in zip(folders[1:], settings[1:], strict=True):
         for name, (first, other) in config.differences([settings[0], own]).items():
-            if _belongs_to_test(name):
+            if belongs_to_test(name):
                 raise RunError(
                     f"{folders[0].path} and {folder.path} are not tested alike: {name} is "
                     f"{show(first)}, not {show(other)}{_way_out(name)}"
@@ -133,15 +128,6 @@ def _settings(folders: Sequence[RunFolder], scenario_of: Path | None) -> list[Se
 
 def _section(settings: Settings, prefix: str) -> dict[str, Any]:
     return {name: v for name, v in config.flatten(settings).items() if name.startswith(prefix)}
-
-
-def _belongs_to_test(name: str) -> bool:
-    """Whether a setting says how a test starts, how traffic drives or how it is judged."""
-    if name.startswith("scenario."):
-        return not name.startswith(TRAINING_STARTS)
-    if name.startswith("driving."):
-        return not name.startswith(CONTROLLERS_OWN)
-    return name == "evaluation.duration"
 
 
 def _way_out(name: str) -> str:

@@ -48,7 +48,7 @@ def run(parsed: Parsed[Evaluate]) -> int:
     if command.episodes_out is not None:
         files.check_writable(command.episodes_out)
     from lanewise.evaluation import metrics
-    from lanewise.experiments import testing
+    from lanewise.experiments import published, testing
     from lanewise.report import table
     from lanewise.runs import trained
 
@@ -57,7 +57,12 @@ def run(parsed: Parsed[Evaluate]) -> int:
         episodes = testing.test(
             controller, command.world, command.episodes, command.seed, reporter, command.renewal
         )
-    summary = metrics.summarise(episodes, controller=controller.name, world=command.world)
+    summary = metrics.summarise(
+        episodes,
+        controller=controller.name,
+        world=command.world,
+        unlike_paper=published.unlike_test(controller.settings),
+    )
     # Printed first: a file that cannot be written must not cost the figures.
     shown = json.dumps(summary.to_json()) + "\n" if command.json else table.text([summary])
     sys.stdout.write(shown)

@@ -1,6 +1,5 @@
 """``lanewise reproduce``: trains, tests and reports the paper's experiments in one go."""
 
-import shlex
 import sys
 import time
 from collections.abc import Mapping
@@ -9,9 +8,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
-from lanewise import config, cores, crosschecks
+from lanewise import config, cores, crosschecks, extras
 from lanewise.commands.arguments import Parsed
-from lanewise.errors import LanewiseError, RunError, SettingsError, printable
+from lanewise.errors import LanewiseError, RunError, SettingsError, one_line, shell_line
 from lanewise.experiments import experiment as experiments
 from lanewise.experiments import folder
 from lanewise.experiments.experiment import BUILT_IN, Experiment
@@ -67,12 +66,10 @@ def run(parsed: Parsed[Reproduce]) -> int:
         settings = whole.settings(arm, command.trap, overrides)
         if arm.trained:
             crosschecks.check_memory(settings, arm.controller, cores.memory())
-    from lanewise.report import extras
-
     extras.check()
     wanted = any(chosen.count(arm, "highway_env_episodes") for arm in chosen.arms)
     if wanted and find_spec("highway_env") is None:
-        raise LanewiseError('reproduce needs highway-env: pip install "lanewise[report,highway]"')
+        raise LanewiseError(f"reproduce needs highway-env: {extras.install('report', 'highway')}")
     folder.check(command.out, whole)
     from lanewise.experiments import reporting, results, schedule, work
 
@@ -100,10 +97,10 @@ def run(parsed: Parsed[Reproduce]) -> int:
             out,
             whole,
             results.collect(whole, every),
-            command=shlex.join(["lanewise", *sys.argv[1:]]),
+            command=shell_line("lanewise", *sys.argv[1:]),
             times=times | {"everything": time.monotonic() - began},
         )
-    sys.stdout.write(f"{text}\nreport: {printable(str(path))}\n")
+    sys.stdout.write(f"{text}\nreport: {one_line(path)}\n")
     return 0
 
 

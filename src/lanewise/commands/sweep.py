@@ -1,18 +1,17 @@
 """``lanewise sweep``: tests a trained controller over a grid of starts and draws the map."""
 
 import json
-import shlex
 import sys
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
-from lanewise import config
+from lanewise import config, extras
 from lanewise.commands import journal as journals
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.journal import Journal
-from lanewise.errors import RunError, SettingsError, printable
+from lanewise.errors import RunError, SettingsError, one_line, shell_line
 from lanewise.evaluation import grid as grids
 from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
 from lanewise.progress import Progress
@@ -67,8 +66,6 @@ def run(parsed: Parsed[Sweep]) -> int:
     grid = Grid(**{axis.name: getattr(command, axis.name) for axis in fields(Grid)})
     folder = RunFolder.open(shelf.locate(command.run))
     _check(grid, folder.settings)
-    from lanewise.report import extras
-
     extras.check()
     if (command.out / "map.md").exists():
         raise RunError(f"{command.out} is complete: see {command.out / 'map.md'}")
@@ -166,11 +163,11 @@ def _report(command: Sweep, grid: Grid, folder: RunFolder, journal: Journal) -> 
         episodes=command.episodes,
         seed=command.seed,
         clearance=command.clearance,
-        command=shlex.join(["lanewise", *sys.argv[1:]]),
+        command=shell_line("lanewise", *sys.argv[1:]),
         cells=cells,
     )
     with TemporaryDirectory(prefix="lanewise-map-") as drawn:
         path = sweep.write_sweep(drawn, found)
         publish(Path(drawn), journal.folder, last=path.name)
     journal.folder.unlink(JOURNAL)
-    sys.stdout.write(f"{sweep.table(cells)}\n\nmap: {printable(str(command.out / path.name))}\n")
+    sys.stdout.write(f"{sweep.table(cells)}\n\nmap: {one_line(command.out / path.name)}\n")

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from lanewise.commands.arguments import Parsed
-from lanewise.errors import RunError
+from lanewise.errors import RunError, shell_line
 from lanewise.progress import Progress, tell
 from lanewise.ranges import SEEDS, OneOf
 from lanewise.runs import lender
@@ -71,7 +71,8 @@ def run(parsed: Parsed[Train]) -> int:
 
         with Progress() as reporter:
             train(folder, command.high_level, reporter, tensorboard=command.tensorboard)
-        tell(f"finished: {folder.path}; lanewise evaluate {folder.path} tests it")
+        test = shell_line("lanewise", "evaluate", folder.path)
+        tell(f"finished: {folder.path}; {test} tests it")
     return 0
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
+from lanewise import extras
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.evaluate import WORLDS
 from lanewise.errors import SettingsError
@@ -36,7 +37,7 @@ def run(parsed: Parsed[Watch]) -> int:
     if command.out.suffix.lower() not in FORMATS:
         raise SettingsError(f"--out must end in .gif or .mp4, got {command.out}")
     shelf.controller(command.run)
-    from lanewise.report import extras, files
+    from lanewise.report import files
 
     extras.check()
     files.check_writable(command.out)

@@ -32,6 +32,8 @@ class Metric:
     """Definition."""
     compute: Callable[[Episodes], tuple[float, Interval]]
     """Value and 95 % interval of a set of episodes; NaN where there is none."""
+    counted: str = ""
+    """How often what it sums is counted; shown in place of a unit."""
     rate: bool = False
     """Is it a share, stored as a fraction of 1 and shown in percent?"""
     single_level: float | None = None
@@ -96,6 +98,7 @@ METRICS = (
         "mean over episodes of the sum of the rewards at the end of each second; an accident adds "
         "its penalty once and ends the sum",
         lambda episodes: _mean(episodes.accumulated_reward),
+        counted="1 a second",
         single_level=3.32,
         hierarchical=13.20,
     ),
@@ -133,7 +136,7 @@ METRICS = (
     ),
     Metric(
         "goal_time_out_rate",
-        "time-outs",
+        "goals given up",
         "",
         "share of the goals that ended by being given up; 0 where they are renewed before that",
         _goal_time_out_rate,
@@ -175,6 +178,9 @@ class Summary:
     """Episodes by cause: collision, off_road, stopped."""
     intervals: Mapping[str, Interval]
     """95 %, by metric; a metric without an interval is missing."""
+    unlike_paper: str | None = None
+    """What makes the test another than the published ones: empty where nothing does, None where
+    nobody has looked. Not stored."""
 
     def to_json(self) -> dict[str, Any]:
         """One object for JSON: rates as fractions of 1, unknown values as null."""
@@ -201,8 +207,16 @@ class Summary:
         )
 
 
-def summarise(episodes: Episodes, *, controller: str, world: str) -> Summary:
+def summarise(
+    episodes: Episodes, *, controller: str, world: str, unlike_paper: str | None = None
+) -> Summary:
     """Every metric of a set of test episodes.
+
+    Args:
+        episodes: their outcomes.
+        controller: its name.
+        world: its name.
+        unlike_paper: as of `Summary`.
 
     Raises:
         LanewiseError: if there is no episode.
@@ -221,6 +235,7 @@ def summarise(episodes: Episodes, *, controller: str, world: str) -> Summary:
             if code
         },
         {name: interval for name, (_, interval) in computed.items() if isfinite(interval[0])},
+        unlike_paper,
     )
 
 

@@ -1,11 +1,12 @@
 """What the report of an experiment has to say, before it is written down."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from lanewise.evaluation import metrics
 from lanewise.evaluation.metrics import Paired
+from lanewise.experiments import published
 from lanewise.experiments.claims import Claim
 from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.figures import Drawn
@@ -63,11 +64,18 @@ def paired(seed: SeedResult) -> Paired | None:
 
 
 def _figures_of(result: ArmResult) -> ArmFigures:
+    settings = result.seeds[0].job.settings
+    unlike = published.unlike_test(settings)
     return ArmFigures(
         title=result.arm.title,
         controller=result.arm.controller,
         seeds=[seed.job.seed for seed in result.seeds],
-        tests={world: [test.summary for test in result.tests(world)] for world in WORLDS},
+        tests={
+            world: [replace(test.summary, unlike_paper=unlike) for test in result.tests(world)]
+            for world in WORLDS
+        },
         training=[seed.episodes for seed in result.seeds if seed.job.trains],
         effort=[asdict(seed.effort) for seed in result.seeds if seed.effort is not None],
+        unlike_paper=unlike,
+        unlike_papers_training=published.unlike_training(settings),
     )

@@ -114,7 +114,7 @@ def _curves(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Draw]]:
         yield (
             Drawn(
                 "exploration",
-                "The single-level controller under three exploration schedules "
+                f"The single-level controller under {len(schedules)} exploration schedules "
                 "(the paper's comparison)",
             ),
             lambda path: training_curves.write(own, path, settled=marks),

@@ -87,7 +87,7 @@ def _draw(
 
 
 def _shown(results: Sequence[ArmResult]) -> ArmResult:
-    """The arm of the clip, of the rows of the reading and of the list of settings."""
+    """The arm of the clip and of the list of settings."""
     return next((result for result in results if result.arm.name == COMPARED[-1]), results[0])
 
 
@@ -223,9 +223,21 @@ def _figure_part(content: Content) -> list[str]:
 
 
 def _reading_part(content: Content) -> list[str]:
-    """The rows of the reading, with the settings of the hierarchical arm or the first."""
-    shown = _shown(content.results).seeds[0].job.settings
-    return ["## What the paper leaves open, row by row", readings.table(config.flatten(shown))]
+    """The rows of the reading, with the settings of every arm."""
+    arms = [
+        readings.Arm(
+            result.arm.title,
+            result.arm.controller,
+            config.flatten(result.seeds[0].job.settings),
+            takes_over=bool(result.arm.high_level),
+        )
+        for result in content.results
+    ]
+    return [
+        "## What the paper leaves open, row by row",
+        f"Settings are those of the arms above. {readings.STAR}",
+        readings.table(arms),
+    ]
 
 
 def _origin_part(content: Content) -> list[str]:

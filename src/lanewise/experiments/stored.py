@@ -6,6 +6,7 @@ from typing import Any
 
 from lanewise import config
 from lanewise.evaluation import metrics
+from lanewise.experiments import published
 from lanewise.experiments.content import Content, paired
 from lanewise.experiments.results import ArmResult, SeedResult
 from lanewise.report import arms as tables
@@ -31,12 +32,17 @@ def text(content: Content) -> str:
 
 
 def _arm_json(result: ArmResult) -> dict[str, Any]:
+    settings = result.seeds[0].job.settings
     return {
         "name": result.arm.name,
         "title": result.arm.title,
         "controller": result.arm.controller,
         "changes": dict(result.arm.changes),
-        "settings": config.flatten(result.seeds[0].job.settings),
+        "settings": config.flatten(settings),
+        "unlike_published": {
+            "test": published.unlike_test(settings),
+            "training": published.unlike_training(settings),
+        },
         "seeds": [_seed_json(seed) for seed in result.seeds],
     }
 

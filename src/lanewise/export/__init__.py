@@ -1,10 +1,8 @@
 """Trained controllers as files that run without Lanewise: ONNX, and NumPy alone."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from types import ModuleType
 
-from lanewise.errors import LanewiseError
+from lanewise.extras import install, needed_for
 
 
 def onnx_models() -> ModuleType:
@@ -13,7 +11,7 @@ def onnx_models() -> ModuleType:
     Raises:
         LanewiseError: onnx is not installed.
     """
-    with _needed("exporting to ONNX needs its package", '"lanewise[onnx]"'):
+    with needed_for("exporting to ONNX", install("onnx")):
         from lanewise.export import onnx_model
     return onnx_model
 
@@ -24,14 +22,6 @@ def onnx_runtime() -> ModuleType:
     Raises:
         LanewiseError: it is not installed.
     """
-    with _needed("checking an ONNX model needs onnxruntime", "onnxruntime"):
+    with needed_for("checking an ONNX model", "pip install onnxruntime"):
         import onnxruntime
     return onnxruntime  # type: ignore[no-any-return]
-
-
-@contextmanager
-def _needed(purpose: str, package: str) -> Iterator[None]:
-    try:
-        yield
-    except ImportError as error:
-        raise LanewiseError(f"{purpose}: pip install {package}") from error

@@ -1,10 +1,9 @@
 """Bridges to other simulators; the only room that imports highway-env."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from types import ModuleType
 
-from lanewise.errors import LanewiseError
+from lanewise.extras import install, needed_for
 
 
 def twin() -> ModuleType:
@@ -29,11 +28,5 @@ def twin_of_policies() -> ModuleType:
     return outside
 
 
-@contextmanager
-def _needed() -> Iterator[None]:
-    try:
-        yield
-    except ImportError as error:
-        raise LanewiseError(
-            'driving in highway-env needs its package: pip install "lanewise[highway]"'
-        ) from error
+def _needed() -> AbstractContextManager[None]:
+    return needed_for("driving in highway-env", install("highway"))

@@ -1,6 +1,6 @@
 """Tables of an experiment as Markdown and text: a row an arm, figures over its seeds."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite, nan
 from typing import Any
@@ -18,14 +18,14 @@ from lanewise.evaluation.metrics import (
     Summary,
 )
 from lanewise.report.escape import cell, line
-from lanewise.report.table import bounds, number, unit
+from lanewise.report.table import bounds, left_out, number, unit
 
 PAPER = ("accumulated_reward", "average_speed", "success_rate", "travel_distance", "accident_rate")
 """The metrics of the paper's test table, in its order."""
 SHOWN: tuple[Metric, ...] = tuple(m for name in PAPER for m in METRICS if m.name == name)
 TRAINING = (
-    ("reward", "reward", 1.0, 2),
-    ("timestep_reward", "reward, one a second", 1.0, 2),
+    ("reward", "reward, 1 a decision", 1.0, 2),
+    ("timestep_reward", "reward, 1 a second", 1.0, 2),
     ("speed", "speed, m/s", 1.0, 2),
     ("success", "success, %", 100.0, 1),
 )
@@ -53,27 +53,32 @@ class ArmFigures:
     """Training episodes of the last stage, one list a seed; none for a reference driver."""
     effort: Rows = field(default=())
     """What each seed's training took: ``decisions``, ``episodes``, ``updates``, ``seconds``."""
+    unlike_paper: str | None = None
+    """What makes its tests others than the published ones: empty where nothing does, None where
+    nobody has looked."""
+    unlike_papers_training: str | None = None
+    """The same of its trainings."""
 
     def values(self, world: str, metric: str) -> list[float]:
         """A metric of every seed."""
         return [summary.values[metric] for summary in self.tests.get(world, ())]
 
 
+Unlike = Callable[[ArmFigures], str | None]
+"""What makes an arm's tests, or its trainings, others than the published ones."""
+
+
 def tests(arms: Sequence[ArmFigures], world: str) -> str:
     """The paper's test table: means over seeds, the lowest and the highest seed in parentheses."""
     heads = ["arm", "seeds", *(_head(metric) for metric in SHOWN)]
     rows = []
-    seen: set[str] = set()
-    for arm in arms:
-        if arm.controller in PUBLISHED and arm.controller not in seen:
-            published = PUBLISHED[arm.controller]
-            figures = [number(metric, published[metric.name]) for metric in SHOWN]
-            rows.append([f"*{cell(arm.controller)}, published*", "-", *figures])
-        seen.add(arm.controller)
+    for arm, published in _beside(arms, PUBLISHED, _unlike_test):
+        if published:
+            rows.append([f"*{cell(arm.controller)}, published*", "-", *_published(arm.controller)])
         if arm.tests.get(world):
             cells = [_span(metric, arm.values(world, metric.name)) for metric in SHOWN]
             rows.append([cell(arm.title), str(len(arm.tests[world])), *cells])
-    return _markdown(heads, rows)
+    return _markdown(heads, rows, _left_out(arms, PUBLISHED, _unlike_test))
 
 
 def every_seed(arms: Sequence[ArmFigures], worlds: Sequence[str]) -> str:
@@ -129,24 +134,21 @@ def training(arms: Sequence[ArmFigures]) -> str:
     """The paper's training table: means of the last episodes, over seeds."""
     heads = ["arm", "seeds", *(title for _, title, _, _ in TRAINING)]
     rows = []
-    seen: set[str] = set()
-    for arm in arms:
-        if not arm.training:
-            continue
-        if arm.controller in PUBLISHED_TRAINING and arm.controller not in seen:
-            published = PUBLISHED_TRAINING[arm.controller]
+    trained = [arm for arm in arms if arm.training]
+    for arm, published in _beside(trained, PUBLISHED_TRAINING, _unlike_training):
+        if published:
+            figures = PUBLISHED_TRAINING[arm.controller]
             cells = [
-                f"{factor * published[name]:.{digits}f}" if name in published else ""
+                f"{factor * figures[name]:.{digits}f}" if name in figures else ""
                 for name, _, factor, digits in TRAINING
             ]
             rows.append([f"*{cell(arm.controller)}, published*", "5", *cells])
-        seen.add(arm.controller)
         cells = [
             _range([factor * last_mean(rows_, name) for rows_ in arm.training], digits)
             for name, _, factor, digits in TRAINING
         ]
         rows.append([cell(arm.title), str(len(arm.training)), *cells])
-    return _markdown(heads, rows)
+    return _markdown(heads, rows, _left_out(trained, PUBLISHED_TRAINING, _unlike_training))
 
 
 def run(arms: Sequence[ArmFigures]) -> str:
@@ -178,13 +180,9 @@ def last_mean(rows: Rows, name: str) -> float:
 def text(arms: Sequence[ArmFigures], world: str) -> str:
     """The test table for a terminal, means alone."""
     rows = [["", *(_head(metric) for metric in SHOWN)]]
-    seen: set[str] = set()
-    for arm in arms:
-        if arm.controller in PUBLISHED and arm.controller not in seen:
-            published = PUBLISHED[arm.controller]
-            figures = [number(metric, published[metric.name]) for metric in SHOWN]
-            rows.append([f"{arm.controller}, published", *figures])
-        seen.add(arm.controller)
+    for arm, published in _beside(arms, PUBLISHED, _unlike_test):
+        if published:
+            rows.append([f"{arm.controller}, published", *_published(arm.controller)])
         if arm.tests.get(world):
             means = [float(np.mean(arm.values(world, metric.name))) for metric in SHOWN]
             cells = [number(metric, mean) for metric, mean in zip(SHOWN, means, strict=True)]
@@ -194,7 +192,39 @@ def text(arms: Sequence[ArmFigures], world: str) -> str:
     for label, *figures in rows:
         padded = [figure.rjust(width) for figure, width in zip(figures, widths[1:], strict=True)]
         lines.append("  ".join([label.ljust(widths[0]), *padded]))
-    return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]]) + "\n"
+    left = _left_out(arms, PUBLISHED, _unlike_test)
+    return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:], *left]) + "\n"
+
+
+def _beside(
+    arms: Sequence[ArmFigures], published: Mapping[str, Any], unlike: Unlike
+) -> Iterator[tuple[ArmFigures, bool]]:
+    """Each arm, and whether its controller's published figures stand before it: once."""
+    seen: set[str] = set()
+    for arm in arms:
+        first = arm.controller in published and unlike(arm) == "" and arm.controller not in seen
+        seen |= {arm.controller} if first else set()
+        yield arm, first
+
+
+def _left_out(
+    arms: Sequence[ArmFigures], published: Mapping[str, Any], unlike: Unlike
+) -> list[str]:
+    """Why published figures are not to be held against some of the arms."""
+    why = {arm.title: unlike(arm) for arm in arms if arm.controller in published}
+    return left_out({title: reason for title, reason in why.items() if reason})
+
+
+def _unlike_test(arm: ArmFigures) -> str | None:
+    return arm.unlike_paper
+
+
+def _unlike_training(arm: ArmFigures) -> str | None:
+    return arm.unlike_papers_training
+
+
+def _published(controller: str) -> list[str]:
+    return [number(metric, PUBLISHED[controller][metric.name]) for metric in SHOWN]
 
 
 def _head(metric: Metric) -> str:
@@ -240,6 +270,11 @@ def _improvement(scores: Sequence[float], held: ArmFigures, world: str, metric: 
     return f"{value:.2f} ({low:.2f}, {high:.2f})" if isfinite(low) else f"{value:.2f}"
 
 
-def _markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def _markdown(
+    heads: Sequence[str], rows: Sequence[Sequence[str]], notes: Sequence[str] = ()
+) -> str:
+    """A table, and notes below it."""
     lines = ["| " + " | ".join(heads) + " |", "|---|" + "---:|" * (len(heads) - 1)]
-    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
+    lines += ["| " + " | ".join(row) + " |" for row in rows]
+    below = ["", *map(cell, notes)] if notes else []
+    return "\n".join([*lines, *below]) + "\n"

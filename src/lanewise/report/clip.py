@@ -10,7 +10,7 @@ import numpy as np
 
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import Recording
-from lanewise.report.extras import needed_for
+from lanewise.extras import needed_for
 from lanewise.report.files import check_suffix, replacing
 from lanewise.report.scene import COLOURS, PAPER, SIZE, frame
 

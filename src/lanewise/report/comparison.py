@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from math import isfinite, nan
 from typing import Any
 
+from lanewise.errors import one_line
 from lanewise.evaluation.aggregates import Estimate
 from lanewise.evaluation.comparison import Comparison
 from lanewise.ranges import show
@@ -15,10 +16,7 @@ from lanewise.report import sections
 from lanewise.report.escape import cell, code
 from lanewise.report.provenance import versions
 from lanewise.report.sections import Lines, Section, letter
-from lanewise.report.table import NOTE
-
-TERMINAL = 80
-"""Columns of the narrowest terminal worth fitting."""
+from lanewise.report.table import NOTE, TERMINAL
 
 PAIRED_NOTE = (
     "Differences are over the same starts; for shares, +n -m counts the starts that",
@@ -63,9 +61,9 @@ class Page:
 
 def text(page: Page) -> str:
     """The comparison for a terminal of 80 columns."""
-    parts = ["\n".join(_plain(line) for line in _legend(page)), _test(page) + "."]
+    parts = ["\n".join(one_line(line) for line in _legend(page)), _test(page) + "."]
     parts += _text_sections(sections.of(page.comparison))
-    parts += ["\n".join(["Settings that differ", *map(_plain, _settings(page))])]
+    parts += ["\n".join(["Settings that differ", *map(one_line, _settings(page))])]
     return "\n\n".join([*parts, "\n".join(_notes(page.comparison))]) + "\n"
 
 
@@ -150,7 +148,7 @@ def _arms(comparison: Comparison) -> list[str]:
 
 
 def _legend(page: Page) -> list[str]:
-    runs = _runs(page)
+    runs = [(name, one_line(run), about) for name, run, about in _runs(page)]
     width = max(len(run) for _, run, _ in runs)
     lines = [f"{name:<2} {run:<{width}}  {about}" for name, run, about in runs]
     return lines + _arms(page.comparison)
@@ -180,11 +178,6 @@ def _settings(page: Page) -> list[str]:
 
 def _notes(comparison: Comparison) -> tuple[str, ...]:
     return NOTE + PAIRED_NOTE + (SEEDS_NOTE if comparison.has_seeds else ())
-
-
-def _plain(line: str) -> str:
-    """A line for a terminal, which unprintable characters of a folder's name would disturb."""
-    return "".join(char if char.isprintable() else "?" for char in line)
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from math import isclose, pi
 from lanewise.controllers import goals
 from lanewise.controllers.settings import GoalSettings
 from lanewise.driving import actions, observation
+from lanewise.extras import needed_for
 from lanewise.report import diagram
 from lanewise.report.diagram import Box, Kind
 from lanewise.report.dimensions import number
-from lanewise.report.extras import needed_for
 from lanewise.report.style import MINUS, TIMES
 from lanewise.settings import Settings
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
+from lanewise.extras import needed_for
 from lanewise.report import style
-from lanewise.report.extras import needed_for
 from lanewise.report.style import STYLES
 from lanewise.runs.metrics import settled_at
 
@@ -23,7 +23,7 @@ Rows = Sequence[Mapping[str, Any]]
 
 PANELS = (
     ("success_rate", "success rate, %", 100.0),
-    ("reward", "reward per episode", 1.0),
+    ("reward", "reward per episode,\none a decision", 1.0),
     ("speed", "average speed, m/s", 1.0),
 )
 """Column of the metrics rows, label with its unit, and factor to that unit."""

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import Any, NamedTuple
 
-from lanewise.report.extras import needed_for
+from lanewise.extras import needed_for
 from lanewise.report.style import Look
 
 with needed_for("a schematic"):

@@ -1,6 +1,6 @@
 """Measuring a road in a figure: dimension lines with their labels, as in a drawing."""
 
-from lanewise.report.extras import needed_for
+from lanewise.extras import needed_for
 from lanewise.report.style import MINUS, MUTED, Look
 
 with needed_for("a dimension line"):

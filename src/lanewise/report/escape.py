@@ -5,6 +5,8 @@ from html import escape
 from math import isfinite
 from typing import Any
 
+import numpy as np
+
 from lanewise.errors import printable
 
 _SPECIAL = re.compile(r"([\\`*_\[\]<>|~#$])")
@@ -35,7 +37,13 @@ def html(value: object) -> str:
 
 
 def finite(value: Any) -> Any:
-    """The same tree with NaN and infinity as null, and anything JSON does not know as text."""
+    """The same tree with NaN and infinity as null, and NumPy's numbers as Python's.
+
+    Raises:
+        TypeError: JSON does not know what something is.
+    """
+    if isinstance(value, np.generic):
+        value = value.item()
     if isinstance(value, dict):
         return {finite(str(key)): finite(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
@@ -44,5 +52,7 @@ def finite(value: Any) -> Any:
         return value if isfinite(value) else None
     if value is None or isinstance(value, bool | int):
         return value
+    if not isinstance(value, str):
+        raise TypeError(f"{type(value).__name__} is nothing that JSON knows")
     # Half of a surrogate pair, such as stands for a byte in a file's name, is no text to others.
-    return str(value).encode("utf-8", "backslashreplace").decode()
+    return value.encode("utf-8", "backslashreplace").decode()

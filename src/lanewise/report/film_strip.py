@@ -7,8 +7,8 @@ import numpy as np
 
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import ACCIDENTS, Recording
+from lanewise.extras import needed_for
 from lanewise.report import road, style
-from lanewise.report.extras import needed_for
 from lanewise.report.road import Place
 from lanewise.report.scene import Moment, moment
 from lanewise.report.style import Look

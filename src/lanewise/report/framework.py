@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
+from lanewise.extras import needed_for
 from lanewise.report import control_loop, diagram, style
 from lanewise.report.control_loop import Loop, Part
 from lanewise.report.diagram import Kind
-from lanewise.report.extras import needed_for
 from lanewise.settings import Settings
 
 with needed_for("the schematic of the framework"):

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import ACCIDENTS, Recording
+from lanewise.extras import needed_for
 from lanewise.report import style
-from lanewise.report.extras import needed_for
 from lanewise.report.style import STYLES, Floats, Look
 
 with needed_for("the goals figure"):

@@ -8,6 +8,7 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, packages_distributions, requires, version
 from typing import Any
 
+from lanewise.extras import install
 from lanewise.report import provenance
 
 FEATURES = {
@@ -60,19 +61,17 @@ def _requirements() -> dict[str, dict[str, str]]:
 def _finding(extra: str, feature: str, wanted: dict[str, str]) -> Finding:
     packages = {name: _version(name) for name in wanted}
     missing = [name for name, number in packages.items() if not number]
-    install = (
-        f'pip install "lanewise[{extra}]"' if extra else "pip install --force-reinstall lanewise"
-    )
+    remedy = install(extra) if extra else install()
     if missing:
         status = MISSING if extra else BROKEN
-        return Finding(feature, status, packages, f"{install} brings {', '.join(missing)}")
+        return Finding(feature, status, packages, f"{remedy} brings {', '.join(missing)}")
     for name, number in packages.items():
         pinned = re.fullmatch(r"==([\w.]+)", wanted[name])
         if pinned and number != pinned[1]:
-            advice = f"{install}: {name} {pinned[1]} is needed, {number} is here"
+            advice = f"{remedy}: {name} {pinned[1]} is needed, {number} is here"
             return Finding(feature, BROKEN, packages, advice)
         if error := _failure(name):
-            advice = f"{name} does not import ({error}); {install} again"
+            advice = f"{name} does not import ({error}); {remedy} again"
             return Finding(feature, BROKEN, packages, advice)
     return Finding(feature, FINE, packages, "")
 
@@ -115,7 +114,7 @@ def _gpu(feature: str) -> Finding:
     if jax.default_backend() == "gpu":
         return Finding(feature, FINE, {}, "")
     if shutil.which("nvidia-smi"):
-        advice = 'JAX computes on the CPU; pip install "lanewise[cuda13]" for the GPU that is here'
+        advice = f"JAX computes on the CPU; {install('cuda13')} for the GPU that is here"
         return Finding(feature, MISSING, {}, advice)
     return Finding(feature, MISSING, {}, "no NVIDIA GPU here; all works on CPUs")
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.grid import Cell, fold, pool
+from lanewise.extras import needed_for
 from lanewise.report import style
-from lanewise.report.extras import needed_for
 
 with needed_for("the map"):
     import matplotlib

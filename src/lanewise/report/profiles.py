@@ -8,8 +8,8 @@ import numpy as np
 
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import Recording
+from lanewise.extras import needed_for
 from lanewise.report import style
-from lanewise.report.extras import needed_for
 from lanewise.report.style import Floats, Look, Style
 
 with needed_for("the profiles"):
@@ -27,8 +27,8 @@ QUANTILES = (0.1, 0.9)
 BAND = "middle 80 % of episodes"
 PANELS = (
     ("speed", "speed, m/s"),
-    ("reward", "instant reward"),
-    ("accumulated_reward", "accumulated reward"),
+    ("reward", "instant reward,\nof a decision"),
+    ("accumulated_reward", "accumulated reward,\none a second"),
 )
 """Field of `Profile`, and label."""
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lanewise.report.extras import needed_for
+from lanewise.extras import needed_for
 from lanewise.report.style import WIDTH, Floats, Look
 from lanewise.world.settings import CAR_LENGTH, CAR_WIDTH
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lanewise.evaluation.episodes import ACCIDENTS, Recording
-from lanewise.report.extras import needed_for
+from lanewise.extras import needed_for
 
 with needed_for("drawing a recording"):
     from PIL import Image, ImageDraw, ImageFont

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
+from lanewise.extras import needed_for
 from lanewise.report import dimensions, road, style
 from lanewise.report.dimensions import number
-from lanewise.report.extras import needed_for
 from lanewise.report.road import Place
 from lanewise.report.style import Look
 from lanewise.report.trap_schematic import lane_arrays

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
+from lanewise.extras import needed_for
 from lanewise.report.escape import line
-from lanewise.report.extras import needed_for
 from lanewise.report.files import check_suffix, replacing
 
 with needed_for("a figure"):

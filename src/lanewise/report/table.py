@@ -15,13 +15,16 @@ from lanewise.evaluation.metrics import (
     published_interval,
 )
 from lanewise.evaluation.statistics import Interval
-from lanewise.report.escape import cell, code
+from lanewise.report.escape import cell, code, line
 
 NOTE = (
     "In parentheses 95 % intervals: exact (Clopper-Pearson) for shares of episodes,",
     "Student's for means over episodes, the delta method's for ratios of sums.",
 )
 """Two lines, each short enough for a terminal."""
+TERMINAL = 80
+"""Columns of the narrowest terminal worth fitting."""
+LEFT_OUT = "Published figures are left out where the paper did something else:"
 CAUSES = ACCIDENTS[1:]
 
 
@@ -41,16 +44,38 @@ def columns(summaries: Sequence[Summary]) -> list[Column]:
     """Columns of the table: controller by controller, the published one before ours.
 
     Controllers come in the paper's order, others after them as given; a published column stands
-    only beside a controller of ours.
+    only beside a controller of ours whose tests are all the paper's.
     """
     ours = list(dict.fromkeys(s.controller for s in summaries))
     ordered = [c for c in PUBLISHED if c in ours] + [c for c in ours if c not in PUBLISHED]
     result = []
     for controller in ordered:
-        if controller in PUBLISHED:
+        own = [s for s in summaries if s.controller == controller]
+        if controller in PUBLISHED and all(s.unlike_paper == "" for s in own):
             result.append(Column(controller, "published", _published(controller)))
-        result += [Column(controller, s.world, s) for s in summaries if s.controller == controller]
+        result += [Column(controller, s.world, s) for s in own]
     return result
+
+
+def left_out(why: Mapping[str, str]) -> list[str]:
+    """Lines that say why no published figures stand beside some tests; none where none is missed.
+
+    Args:
+        why: the reason, by what it is a test of.
+    """
+    names: dict[str, list[str]] = {}
+    for name, reason in why.items():
+        names.setdefault(line(reason), []).append(line(name))
+    found = [f"- {', '.join(of)}: {reason}" for reason, of in names.items()]
+    return [LEFT_OUT, *found] if found else []
+
+
+def _left_out(summaries: Sequence[Summary]) -> list[str]:
+    why: dict[str, str] = {}
+    for summary in summaries:
+        if summary.controller in PUBLISHED and summary.unlike_paper:
+            why.setdefault(summary.controller, summary.unlike_paper)
+    return left_out(why)
 
 
 def _published(controller: str) -> Summary:
@@ -66,7 +91,8 @@ def markdown(summaries: Sequence[Summary]) -> str:
     lines = ["| | " + " | ".join(cell(head) for head in heads) + " |"]
     lines.append("|---|" + "---:|" * len(heads))
     lines += [f"| {cell(title)} | " + " | ".join(cells) + " |" for title, cells in rows]
-    return "\n".join([*lines, "", *NOTE]) + "\n"
+    notes = ["\n".join(part) for part in (map(cell, _left_out(summaries)), NOTE)]
+    return "\n\n".join(["\n".join(lines), *filter(None, notes)]) + "\n"
 
 
 def text(summaries: Sequence[Summary]) -> str:
@@ -75,18 +101,21 @@ def text(summaries: Sequence[Summary]) -> str:
     every = columns(summaries)
     for controller in dict.fromkeys(c.controller for c in every):
         block = [c for c in every if c.controller == controller]
-        rows = [(controller, [c.source for c in block]), *_rows(block)]
+        rows = [(line(controller), [c.source for c in block]), *_rows(block)]
         label = max(len(title) for title, _ in rows)
         widths = [max(len(cells[i]) for _, cells in rows) for i in range(len(block))]
+        wide = label + sum(widths) + 2 * len(widths)
+        gap = "  " if wide <= TERMINAL else " "
         lines = [
-            "  ".join(
+            gap.join(
                 [title.ljust(label), *(c.rjust(w) for c, w in zip(cells, widths, strict=True))]
             )
             for title, cells in rows
         ]
         rule = "-" * len(lines[0])
-        blocks.append("\n".join([lines[0].rstrip(), rule, *(line.rstrip() for line in lines[1:])]))
-    return "\n\n".join([*blocks, "\n".join(NOTE)]) + "\n"
+        blocks.append("\n".join([lines[0].rstrip(), rule, *(row.rstrip() for row in lines[1:])]))
+    notes = ["\n".join(part) for part in (_left_out(summaries), NOTE)]
+    return "\n\n".join([*blocks, *filter(None, notes)]) + "\n"
 
 
 def meanings() -> str:
@@ -132,8 +161,8 @@ def _figure(metric: Metric, summary: Summary) -> str:
 
 
 def unit(metric: Metric) -> str:
-    """The unit a metric is shown in; empty for plain numbers."""
-    return "%" if metric.rate else metric.unit
+    """The unit a metric is shown in, or how it is counted; empty for plain numbers."""
+    return "%" if metric.rate else metric.unit or metric.counted
 
 
 def number(metric: Metric, value: float, sign: str = "") -> str:

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
+from lanewise.extras import needed_for
 from lanewise.report import style
 from lanewise.report.curves import Rows, column_of, running_mean
-from lanewise.report.extras import needed_for
 from lanewise.report.style import Floats, Look, Style
 
 with needed_for("the training figure"):

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from lanewise.extras import needed_for
 from lanewise.report import dimensions, road, style
 from lanewise.report.dimensions import number
-from lanewise.report.extras import needed_for
 from lanewise.report.road import Place
 from lanewise.report.style import Floats, Look
 from lanewise.scenario.settings import TrapSettings

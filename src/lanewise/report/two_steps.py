@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from lanewise.controllers import goals
+from lanewise.extras import needed_for
 from lanewise.report import control_loop, diagram, style
 from lanewise.report.control_loop import Loop, Part
 from lanewise.report.diagram import Kind
 from lanewise.report.dimensions import number
-from lanewise.report.extras import needed_for
 from lanewise.report.style import MINUS, TIMES
 from lanewise.settings import Settings
 from lanewise.training.settings import StageSettings

@@ -91,6 +91,6 @@ def keep(
     advice = ADVICE[first["what"]].format(level=first["level"])
     return NumbersError(
         f"{error}; training stopped, earlier chunks are kept\n"
-        f'  {advice}; lanewise.runs.again.see("{folder.path}") shows it ({folder.path / FOLDER})',
+        f"  {advice}; lanewise.runs.again.see({str(folder.path)!r}) shows it ({folder.path / FOLDER})",
         error.found,
     )

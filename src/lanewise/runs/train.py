@@ -16,7 +16,7 @@ import jax
 from lanewise import signals
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
-from lanewise.errors import NumbersError, RunError
+from lanewise.errors import NumbersError, RunError, shell_line
 from lanewise.progress import Progress
 from lanewise.runs import checkpoint, diverged, resume, trained, tree
 from lanewise.runs.folder import CHECKPOINTS, RunFolder
@@ -32,6 +32,13 @@ INTERVAL = 10.0
 """Seconds of training between checkpoints, at least; a kill loses no more than about this."""
 STAGE_STREAM = 1000
 """First random stream of the stages, apart from those of the test starts (`trap.start_key`)."""
+SHOWN = {
+    "success_rate": "success rate",
+    "reward": "reward (one a decision)",
+    "epsilon": "epsilon",
+    "validation_success_rate": "validation success rate",
+}
+"""Figures of a chunk shown while training, and what they are called there."""
 KEPT = 2
 """Checkpoints kept, so that a damaged newest one can be skipped."""
 
@@ -101,7 +108,8 @@ def train(
     """
     trained.check_parts(folder, parts)
     if trained.is_finished(folder):
-        raise RunError(f"{folder.path} is finished; lanewise evaluate {folder.path} tests it")
+        test = shell_line("lanewise", "evaluate", folder.path)
+        raise RunError(f"{folder.path} is finished; {test} tests it")
     if high_level is not None:
         trained.take_over_high_level(folder, high_level, parts)
     left = resume.read(folder, parts)
@@ -208,8 +216,7 @@ def _write(files: _Files, report: stages.Report, seconds: float) -> None:
 
 def _figures(line: dict[str, Any]) -> dict[str, float]:
     """The few figures shown while training."""
-    names = ("success_rate", "reward", "epsilon", "validation_success_rate")
-    return {name: line[name] for name in names if line.get(name) is not None}
+    return {label: line[name] for name, label in SHOWN.items() if line.get(name) is not None}
 
 
 def _save(files: _Files, index: int, progress: StageProgress) -> None:

@@ -9,7 +9,7 @@ import jax
 
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
-from lanewise.errors import CheckpointError, RunError
+from lanewise.errors import CheckpointError, RunError, shell_line
 from lanewise.learning import network
 from lanewise.runs import checkpoint, records, shelf, tree
 from lanewise.runs.folder import STAGES, RunFolder
@@ -95,7 +95,8 @@ def load(path: Path, parts: Parts = OURS) -> Trained:
     check_parts(folder, parts)
     if not is_finished(folder):
         raise RunError(
-            f"{path} is not finished; lanewise train {folder.controller} --out {path} --resume "
+            f"{path} is not finished; "
+            f"{shell_line('lanewise', 'train', folder.controller, '--out', path, '--resume')} "
             "continues it"
         )
     blank: Parameters = {}

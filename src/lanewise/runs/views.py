@@ -12,7 +12,7 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import IO, Any, Protocol, Self
 
-from lanewise.errors import LanewiseError
+from lanewise.extras import install, needed_for
 from lanewise.runs import metrics
 from lanewise.runs.files import OpenFolder
 from lanewise.runs.records import COLUMNS
@@ -21,6 +21,12 @@ FILES = {"episode": "episodes.csv", "chunk": "chunks.csv"}
 """Tables by kind of record; a field that a record lacks is empty."""
 TENSORBOARD = "tensorboard"
 """Folder of TensorBoard's events, in the run's."""
+LABELS = {
+    "reward": "reward_one_a_decision",
+    "timestep_reward": "reward_one_a_second",
+    "validation_reward": "validation_reward_one_a_second",
+}
+"""What TensorBoard calls the figures that do not say how they are counted."""
 COUNTS = ("kind", "stage", "chunk")
 """Fields of a chunk that are no curves."""
 
@@ -120,7 +126,8 @@ class Events:
             return
         for name, value in record.items():
             if name not in COUNTS and value is not None:
-                self._writer.add_scalar(f"{record['stage']}/{name}", value, record["decisions"])
+                label = f"{record['stage']}/{LABELS.get(name, name)}"
+                self._writer.add_scalar(label, value, record["decisions"])
         self._writer.flush()
 
     def close(self) -> None:
@@ -134,10 +141,6 @@ def needed() -> Any:
     Raises:
         LanewiseError: it is not installed.
     """
-    try:
+    with needed_for("TensorBoard", install("tensorboard")):
         from tensorboardX import SummaryWriter
-    except ImportError as error:
-        raise LanewiseError(
-            'TensorBoard needs tensorboardX: pip install "lanewise[tensorboard]"'
-        ) from error
     return SummaryWriter

@@ -1,0 +1,59 @@
+"""The paper's figures stand beside a test or training only where it is the paper's."""
+
+import pytest
+
+from lanewise import config
+from lanewise.experiments import published
+from lanewise.settings import PRESETS
+
+TESTS = [
+    ({"evaluation.duration": 40}, "evaluation.duration is 40, not 25"),
+    ({"scenario.trap_speed": 10.9}, "scenario.trap_speed is 10.9, not 10.0"),
+    ({"scenario.lanes": 4}, "scenario.lanes is 4, not 3"),
+    ({"scenario.test_front_distance": 16.0}, "scenario.test_front_distance is 16.0, not 15.62"),
+    ({"scenario.traffic.driver.time_gap": 1.0}, "scenario.traffic.driver.time_gap is 1.0, not 1.5"),
+    ({"driving.reward.speed_weight": 2.0}, "driving.reward.speed_weight is 2.0, not 1.5"),
+    ({"driving.stopped_speed": 0.0}, "driving.stopped_speed is 0.0, not 0.1"),
+    ({"driving.decision_frequency": 5}, "driving.decision_frequency is 5, not 2"),
+]
+CONTROLLERS = [
+    *({"driving.observation.scaling": "highway-env"}, {"driving.actions.acceleration": 2.0}),
+    *({"goals.time_limit": 1000.0}, {"low_level.tracking_weight": 0.0}, {"single_level.hold": 5}),
+    {"evaluation.validation_episodes": 100},
+]
+"""What a controller is and how it was made: another arm, not another test."""
+
+
+@pytest.mark.parametrize(("changes", "said"), TESTS)
+def test_each_way_in_which_a_test_is_no_longer_the_papers(changes, said):
+    assert published.unlike_test(config.compose(flags=changes)) == said
+
+
+@pytest.mark.parametrize("changes", CONTROLLERS, ids=str)
+def test_another_controller_takes_the_same_test(changes):
+    assert published.unlike_test(config.compose(flags=changes)) == ""
+    assert published.unlike_training(config.compose(flags=changes)) == ""
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_every_preset_is_tested_as_the_paper_tests(preset):
+    """Over ranges of starts only training varies."""
+    assert published.unlike_test(config.compose(preset)) == ""
+    assert (published.unlike_training(config.compose(preset)) == "") == (preset != "ranges")
+
+
+def test_own_parts_and_other_starts_are_another_test():
+    settings = config.compose()
+    own = ("reward: mine.hurry", "success: mine.done")
+    assert published.unlike_test(settings, own) == "reward: mine.hurry"
+    assert published.unlike_test(settings, split="training") == ("its starts are those of training")
+
+
+def test_a_training_may_have_either_speed_of_the_trap_and_tests_of_any_length():
+    assert published.unlike_training(config.compose(trap="trap-10.9")) == ""
+    longer = config.compose(flags={"evaluation.duration": 40})
+    assert published.unlike_training(longer) == ""
+    slow = config.compose(flags={"scenario.trap_speed": 9.0})
+    assert published.unlike_training(slow) == "scenario.trap_speed is 9.0, not 10.0"
+    paid = config.compose(flags={"driving.reward.accident_penalty": 1.0})
+    assert "accident_penalty is 1.0" in published.unlike_training(paid)
