@@ -89,8 +89,9 @@ def keep(
     with folder.held.inside(FOLDER) as place:
         write_atomically(place, {FOUND: (json.dumps(about, indent=1) + "\n").encode()})
     advice = ADVICE[first["what"]].format(level=first["level"])
+    kept = folder.path / FOLDER
     return NumbersError(
         f"{error}; training stopped, earlier chunks are kept\n"
-        f"  {advice}; lanewise.runs.again.see({str(folder.path)!r}) shows it ({folder.path / FOLDER})",
+        f"  {advice}; lanewise.runs.again.see({str(folder.path)!r}) shows it ({kept})",
         error.found,
     )
