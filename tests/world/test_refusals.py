@@ -125,7 +125,7 @@ REFUSED = {
     "stretched lane": (with_lane("end", np.array([5e3, 4.0])), "straight along x"),
     "lane of no width": (with_lane("width", 0.0), "width"),
     "speed limit of nan": (with_lane("speed_limit", float("nan")), "speed_limit"),
-    "negative speed without limit": (with_unlimited_lane_and_negative_speed, "without speed_limit"),
+    "negative speed without limit": (with_unlimited_lane_and_negative_speed, "negative target"),
     # Classes of vehicles.
     **{
         kind.__name__: (with_vehicle(kind), f"a {kind.__name__} {message}")
@@ -156,6 +156,12 @@ REFUSED = {
             (IDMVehicle, "__getattr__", nothing),
         )
     },
+    "class with a property of DELTA": (
+        with_class(IDMVehicle, **own_property("DELTA")), "its own DELTA"
+    ),
+    "class with target_speed": (
+        with_class(Vehicle, **own_property("target_speed")), "its own target_speed"
+    ),
     "class with timer": (with_class(IDMVehicle, **own_property("timer")), "its own timer"),
     # Vehicles.
     "own top speed": (with_attribute("MAX_SPEED", 20.0, 0), "its own MAX_SPEED"),

@@ -61,13 +61,13 @@ _ORIGINAL = {
 }  # fmt: skip
 """highway-env's own, before anything can have been changed."""
 _STATE = {
-    Vehicle: frozenset(vars(Vehicle(None, [0.0, 0.0]))),
+    Vehicle: frozenset(vars(Vehicle(None, [0.0, 0.0]))) | {"target_speed"},
     IDMVehicle: frozenset(vars(IDMVehicle(None, [0.0, 0.0]))),
     StraightLane: frozenset(vars(StraightLane([0.0, 0.0], [1.0, 0.0]))),
     Road: frozenset(vars(Road())),
     RoadNetwork: frozenset(vars(RoadNetwork())),
 }
-"""What the constructors set; a class that defines one of these takes it away from the objects."""
+"""What constructors set, and what drivers ask of others; a class must leave it to its objects."""
 
 
 def _refuse(what: str, do: str) -> NoReturn:
@@ -82,20 +82,20 @@ def _same(value: Any, original: Any) -> bool:
 def _changes(thing: Any, original: type, read: frozenset[str] = frozenset()) -> list[str]:
     """What an object and its class change of highway-env's own class, by name."""
     usual, state = _ORIGINAL[original], _STATE.get(original, frozenset())
-    free = read | BEGINNING | TECHNICAL
 
-    def matters(name: str) -> bool:
-        return name in usual or name in state or name.startswith("__")
+    def is_free(name: str, value: Any) -> bool:
+        is_read = name in read and isinstance(value, (int, float, np.number))
+        return is_read or name in BEGINNING | TECHNICAL or _same(value, usual.get(name))
 
     of_class = [
         name
         for name, value in _defined(type(thing)).items()
-        if matters(name) and name not in free and not _same(value, usual.get(name))
+        if (name in usual or name in state or name.startswith("__")) and not is_free(name, value)
     ]
     of_object = [
         name
         for name, value in vars(thing).items()
-        if name in usual and name not in free | state and not _same(value, usual[name])
+        if name in usual and name not in state and not is_free(name, value)
     ]
     return list(dict.fromkeys(of_class + of_object))
 
@@ -162,9 +162,6 @@ def _check_road(road: Any) -> None:
         raise SettingsError("there are obstacles or landmarks on the road; they cannot be read")
     if road.neighbour_vehicles_connected_lanes:
         raise SettingsError("neighbour_vehicles_connected_lanes is on; it cannot be read")
-    unlimited = any(lane.speed_limit is None for lane in lanes(road.network))
-    if unlimited and any(getattr(v, "target_speed", 0) < 0 for v in road.vehicles):
-        _refuse("a negative target_speed on a lane without speed_limit", "set either")
 
 
 def lanes(network: Any) -> list[Any]:
@@ -264,6 +261,9 @@ def _check_vehicle(vehicle: Any, road: Any) -> None:
             _refuse(f"a {kind} whose {name} is off", "leave it on")
     if not np.isclose(vehicle.diagonal, np.hypot(vehicle.LENGTH, vehicle.WIDTH), rtol=1e-12):
         _refuse(f"a {kind} whose diagonal is not of its LENGTH and WIDTH", "set all three")
+    unlimited = any(lane.speed_limit is None for lane in lanes(road.network))
+    if unlimited and getattr(vehicle, "target_speed", 0) < 0:
+        _refuse(f"a {kind} with a negative target_speed where a lane has no speed_limit", "set one")
     if rule_based:
         _check_driver(vehicle)
 
