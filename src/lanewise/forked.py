@@ -21,9 +21,9 @@ def refuse() -> None:
     """
     if _process is not None and _process != os.getpid():
         raise LanewiseError(
-            "this process was forked from one that had used JAX, and JAX would wait for ever; "
-            'start processes by "spawn",\nsuch as AsyncVectorEnv(..., context="spawn"), or use '
-            'gymnasium.make_vec("lanewise/Trap-v0", num_envs), which needs no processes'
+            "this process was forked from one that had used JAX, and JAX would wait for ever.\n"
+            'Start processes by "spawn", such as AsyncVectorEnv(..., context="spawn"), or use '
+            'gymnasium.make_vec("lanewise/Trap-v0", num_envs), which needs none.'
         )
 
 

@@ -47,9 +47,10 @@ class TrapHighwayEnv(TrapEnv):
 
     def _begin(self, seed: int, index: int) -> Any:
         world = jax.device_get(_start(self.task, jnp.uint32(seed), jnp.int32(index)))
+        fresh = drive.live(self.task.rules.driving, world, self.task.rules.duration)
+        self._state, row = _begun(self.task, drive.read(fresh))
         self._let_go()
-        self.highway_env = drive.live(self.task.rules.driving, world, self.task.rules.duration)
-        self._state, row = _begun(self.task, drive.read(self.highway_env))
+        self.highway_env = fresh
         return row
 
     def _decide(self, action: NDArray[Any]) -> Any:

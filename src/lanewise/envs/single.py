@@ -43,6 +43,7 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
     actions = "low-level"
     """As of `functional.make`."""
     closed = False
+    """Whether `close` was called."""
 
     def __init__(self, *, render_mode: str | None = None, **settings: Any) -> None:
         """An environment to be reset.
@@ -121,7 +122,7 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
         )
 
     def close(self) -> None:
-        """Nothing but a second `close` can follow."""
+        """End the use of the environment: afterwards only `close` may be called."""
         self.closed = True
 
     def _begin(self, seed: int, index: int) -> Any:

@@ -31,6 +31,7 @@ Booleans = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Info = dict[str, Any]
 COUNT = Kind(int, None, Between(1))
+"""Of worlds, and of steps."""
 
 
 class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
@@ -60,8 +61,8 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
             render_mode: None, or ``rgb_array`` for pictures by `render`.
             autoreset_mode: when an environment whose episode ended restarts itself: with the next
                 step, which then heeds no action and pays nothing; in the same; or not at all.
-            max_episode_steps: as of ``gymnasium.make``: an episode of so many steps is truncated,
-                if it has not ended before; None or -1: only by its duration.
+            max_episode_steps: steps after which an episode is truncated, as by ``gymnasium.make``;
+                None or -1: its duration alone truncates it.
             settings: as of `lanewise.envs.functional.make`.
 
         Raises:
