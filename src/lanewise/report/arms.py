@@ -203,7 +203,8 @@ def _beside(
     seen: set[str] = set()
     for arm in arms:
         first = arm.controller in published and unlike(arm) == "" and arm.controller not in seen
-        seen |= {arm.controller} if first else set()
+        if first:
+            seen.add(arm.controller)
         yield arm, first
 
 
