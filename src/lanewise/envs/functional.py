@@ -14,11 +14,12 @@ import numpy as np
 from jax import Array
 
 from lanewise.driving import episode, restart
+from lanewise.driving.actions import are_numbers
 from lanewise.driving.episode import Episode
 from lanewise.driving.parts import OURS, Parts, checked
 from lanewise.envs import keywords
 from lanewise.envs.control import Continuous, Control, Driven, Goals, LowLevel, Rules
-from lanewise.errors import SettingsError
+from lanewise.errors import ActionError, SettingsError
 from lanewise.names import look_up
 from lanewise.scenario.settings import TrapSettings
 from lanewise.scenario.trap import SPLITS
@@ -150,8 +151,23 @@ def step(task: Trap, state: State, action: Array) -> tuple[State, Step]:
 
     Returns:
         The state after it, and what the step led to.
+
+    Raises:
+        ActionError: the action has another type or shape. Its value is not looked at.
     """
+    _check_kind(task.control, jnp.asarray(action))
     return led_to(task, state, *task.control.drive(task.rules, state.episode, state.memory, action))
+
+
+def _check_kind(control: Control, action: Array) -> None:
+    """Refuses an action of another type or shape; traced, it has no value yet."""
+    count, shape, wanted = 1, (), "one whole number"
+    if isinstance(control, Continuous):
+        count, shape, wanted = 0, (2,), "two numbers, acceleration and steering"
+    if action.shape != shape or not are_numbers(action.dtype, count):
+        raise ActionError(
+            f"an action must be {wanted}, got {action.dtype} of shape {action.shape}"
+        )
 
 
 def led_to(

@@ -13,11 +13,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gymnasium.error import ResetNeeded
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Discrete
 from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
+from lanewise.driving import actions
 from lanewise.envs import functional, rows, spaces
 from lanewise.envs.functional import State, Trap
 from lanewise.envs.starts import Starts
@@ -84,7 +85,7 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
 
         Raises:
             ResetNeeded: there is no episode under way.
-            ValueError: there is no such action.
+            ActionError: there is no such action; it is a ValueError too.
         """
         if self._state is None or self._over:
             raise ResetNeeded("the episode is over: call reset() before step()")
@@ -166,17 +167,13 @@ def info(facts: dict[str, NDArray[Any]], starts: Starts) -> Info:
     return found | {"seed": seed, "start": start}
 
 
-def checked(space: gymnasium.Space[Any], action: Any) -> NDArray[Any]:
+def checked(space: Discrete | Box, action: Any) -> NDArray[Any]:
     """An action as compiled functions take it.
 
     Raises:
-        ValueError: it is not in the space. JAX would take the nearest without a word.
+        ActionError: it is not in the space.
     """
-    continuous = isinstance(space, Box)
-    given = np.asarray(action, np.float32 if continuous else None)
-    if given.shape != space.shape or not space.contains(given if continuous else given[()]):
-        raise ValueError(f"action must be in {space}, got {action!r}")
-    return given if continuous else given.astype(np.int32)
+    return actions.checked(action, spaces.count(space), space.shape, f"action must be in {space}")
 
 
 @partial(jax.jit, static_argnums=0)
