@@ -186,6 +186,7 @@ def evaluate(
     episodes: int = 300,
     seed: int = 0,
     batched: bool | None = None,
+    deterministic: bool = True,
     quiet: bool = False,
     **settings: Any,
 ) -> Evaluation:
@@ -195,9 +196,9 @@ def evaluate(
     and hand it over.
 
     Args:
-        policy: a function from observations (float32 [26], or a batch [B, 26]) to actions; an
-            object with ``predict`` as Stable-Baselines3's agents; or one of ours: a run folder,
-            ``pretrained/NAME``, ``reference/NAME``.
+        policy: a function from observations (float32 [26], or a batch [B, 26]) to actions, which
+            remembers nothing; an object with ``predict`` as Stable-Baselines3's agents, which may;
+            or one of ours: a run folder, ``pretrained/NAME``, ``reference/NAME``.
         name: in the table; ``policy`` by default. Ours have their own.
         actions: what the policy chooses: ``low-level`` actions (the default), ``goal`` (heeded
             where the goal critic wants a new one) or ``continuous`` acceleration and steering. Not
@@ -206,6 +207,8 @@ def evaluate(
         episodes: number of test episodes, at most 10,000,000.
         seed: of the starts.
         batched: whether a function takes batches; None finds out. For functions only.
+        deterministic: ask ``predict`` for its deterministic action, and refuse a function that
+            answers the same observation differently; False for a policy that draws at random.
         quiet: show no progress.
         settings: as of `lanewise.envs.functional.make`, such as ``duration``, ``parts`` and any
             setting of scenario and driving; a controller of ours brings its own settings, and
@@ -219,9 +222,12 @@ def evaluate(
     """
     look_up("world", world, dict.fromkeys(WORLDS))
     episodes, seed = _whole(COUNT, "episodes", episodes), _whole(SEED, "seed", seed)
-    SWITCH.check("quiet", quiet)
+    for option, switch in {"quiet": quiet, "deterministic": deterministic}.items():
+        SWITCH.check(option, switch)
     if isinstance(policy, str | Path | Trained):
-        for option, value in {"name": name, "actions": actions, "batched": batched}.items():
+        at_random = None if deterministic else True
+        options = {"name": name, "actions": actions, "batched": batched, "deterministic": at_random}
+        for option, value in options.items():
             if value is not None:
                 raise LanewiseError(f"{option}: a controller of ours brings its own; leave it out")
         return _ours(policy, world, episodes, seed, quiet, settings)
@@ -229,7 +235,7 @@ def evaluate(
     if batched is not None:
         SWITCH.check("batched", batched)
     course = _course("low-level" if actions is None else actions, settings)
-    decide = policies.decider(policy, batched, course.shape)
+    decide = policies.decider(policy, batched, course.choices, deterministic)
     driver: Any = interop.twin_of_policies() if world == "highway-env" else outside
     with Progress(quiet=quiet) as reporter:
         reporter.stage(name, episodes)

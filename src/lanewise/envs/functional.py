@@ -165,9 +165,7 @@ def _check_kind(control: Control, action: Array) -> None:
     if isinstance(control, Continuous):
         count, shape, wanted = 0, (2,), "two numbers, acceleration and steering"
     if action.shape != shape or not are_numbers(action.dtype, count):
-        raise ActionError(
-            f"an action must be {wanted}, got {action.dtype} of shape {action.shape}"
-        )
+        raise ActionError(f"an action must be {wanted}, got {action.dtype} of shape {action.shape}")
 
 
 def led_to(

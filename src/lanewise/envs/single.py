@@ -13,7 +13,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gymnasium.error import ResetNeeded
-from gymnasium.spaces import Box, Discrete
 from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
@@ -167,13 +166,14 @@ def info(facts: dict[str, NDArray[Any]], starts: Starts) -> Info:
     return found | {"seed": seed, "start": start}
 
 
-def checked(space: Discrete | Box, action: Any) -> NDArray[Any]:
+def checked(space: gymnasium.Space[Any], action: Any) -> NDArray[Any]:
     """An action as compiled functions take it.
 
     Raises:
         ActionError: it is not in the space.
     """
-    return actions.checked(action, spaces.count(space), space.shape, f"action must be in {space}")
+    wanted = f"action must be in {space}"
+    return actions.checked(action, spaces.count(space), space.shape or (), wanted)
 
 
 @partial(jax.jit, static_argnums=0)

@@ -24,8 +24,8 @@ def of_actions(task: Trap) -> Discrete | Box:
     return Box(-1.0, 1.0, (2,), np.float32)
 
 
-def count(space: Discrete | Box) -> int:
-    """Number of discrete actions; 0 for continuous ones."""
+def count(space: Space[Any]) -> int:
+    """Number of actions in a space of `of_actions`; 0 for continuous ones."""
     return int(space.n) if isinstance(space, Discrete) else 0
 
 

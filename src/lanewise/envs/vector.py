@@ -182,7 +182,7 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
 
     def _checked(self, actions: Any) -> NDArray[Any]:
         each = self.single_action_space
-        shape = (self.num_envs, *each.shape)
+        shape = (self.num_envs, *(each.shape or ()))
         wanted = f"actions must be {self.num_envs} of {each}"
         return checked(actions, spaces.count(each), shape, wanted)
 
