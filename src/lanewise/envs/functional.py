@@ -161,10 +161,10 @@ def step(task: Trap, state: State, action: Array) -> tuple[State, Step]:
 
 def _check_kind(control: Control, action: Array) -> None:
     """Refuses an action of another type or shape; traced, it has no value yet."""
-    count, shape, wanted = 1, (), "one whole number"
-    if isinstance(control, Continuous):
-        count, shape, wanted = 0, (2,), "two numbers, acceleration and steering"
-    if action.shape != shape or not are_numbers(action.dtype, count):
+    continuous = isinstance(control, Continuous)
+    shape = (2,) if continuous else ()
+    wanted = "two numbers, acceleration and steering" if continuous else "one whole number"
+    if action.shape != shape or not are_numbers(action.dtype, count=not continuous):
         raise ActionError(f"an action must be {wanted}, got {action.dtype} of shape {action.shape}")
 
 
