@@ -1,6 +1,7 @@
 """Anyone's policy through the protocol: the same episodes as a controller of ours that does the
 same."""
 
+import dataclasses
 import json
 from functools import cache
 
@@ -15,6 +16,8 @@ from lanewise.errors import LanewiseError
 from lanewise.evaluation import drive, metrics, outside, policies
 from lanewise.learning import network
 from lanewise.training import recipe
+from lanewise.world import build, road
+from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, World
 
 SETTINGS = config.compose()
 PARAMETERS = {
@@ -154,6 +157,10 @@ def test_a_controller_of_ours(place, capsys):
         lanewise.evaluate(place, trap_speed=9.0)
 
 
+def survived(world):
+    return world.vehicles.x[0] > 1.0
+
+
 def test_the_user_s_own_success(tmp_path):
     parts = lanewise.Parts(success=survived)
     found = lanewise.evaluate(lambda seen: 4, episodes=4, duration=2.0, parts=parts)
@@ -165,8 +172,56 @@ def test_the_user_s_own_success(tmp_path):
     )
 
 
-def survived(world):
-    return world.vehicles.x[0] > 1.0
+def in_a_row(settings, *kinds):
+    """Vehicles 30 m apart in the left lane, all as fast as the trap."""
+    x, lane = 30.0 * jnp.arange(len(kinds)), jnp.zeros(len(kinds), jnp.int32)
+    return World(
+        road=road.straight_road(settings.lanes),
+        drivers=build.make_drivers([settings.traffic.driver] * len(kinds), kinds),
+        vehicles=build.make_vehicles(x, 0.0 * x, 0.0 * x + settings.trap_speed, lane),
+    )
+
+
+def alone(settings, key, split):
+    return in_a_row(settings, EXTERNAL)
+
+
+def among_traffic(settings, key, split):
+    return in_a_row(settings, EXTERNAL, RULE_BASED, RULE_BASED)
+
+
+def behind_three(settings, key, split):
+    """More than the paper's twelve vehicles, the second of which is not there."""
+    world = in_a_row(settings, EXTERNAL, *[CONSTANT] * 4, *[RULE_BASED] * 9)
+    present = world.vehicles.present.at[1].set(False)
+    return dataclasses.replace(world, vehicles=dataclasses.replace(world.vehicles, present=present))
+
+
+@pytest.mark.parametrize("start", [alone, among_traffic])
+def test_the_paper_s_success_wants_trap_cars(start):
+    said = rf"start: {start.__name__} places no trap car.*; give success= too"
+    with pytest.raises(LanewiseError, match=said) as refused:
+        lanewise.evaluate(idle, parts=lanewise.Parts(start=start), episodes=1)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "world", [pytest.param("lanewise", marks=pytest.mark.slow), "highway-env"]
+)
+@pytest.mark.parametrize(
+    ("parts", "roles"),
+    [
+        (lanewise.Parts(start=alone, success=survived), [0]),
+        (lanewise.Parts(start=behind_three), [0, 1, 1, 1] + [2] * 9),
+    ],
+    ids=["1", "14"],
+)
+def test_any_number_of_vehicles_is_driven_and_drawn_by_what_they_are(tmp_path, parts, roles, world):
+    found = lanewise.evaluate(idle, episodes=1, duration=1.0, parts=parts, world=world)
+    assert found.episodes.success.tolist() == [len(roles) == 1]
+    recording = found.record()
+    assert recording.role[recording.present].tolist() == roles
+    found.clip(tmp_path / "own.gif")
 
 
 def test_episodes_to_look_at(tmp_path):

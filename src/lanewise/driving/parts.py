@@ -27,7 +27,8 @@ class Parts:
 
     start: Callable[[TrapSettings, Array, str], World] = trap.sample
     """(scenario, random key, split) to the world at the start; the number of vehicles and lanes
-    must be the same for every key. Vehicle 0 is the ego, 1 and 2 are the trap cars."""
+    must be the same for every key. Vehicle 0 is the ego; trap cars are those that keep their
+    commands (``CONSTANT``), the others are traffic."""
     observe: Callable[[ObservationSettings, World], Array] = observation.features
     """(settings, world) to what the controller sees, float32 [n]."""
     reward: Callable[[RewardSettings, World, Array, Array], Array] = reward.of_decision
@@ -45,8 +46,15 @@ class Parts:
             if (own := getattr(self, part.name)) is not part.default
         )
 
-    def try_out(self, scenario: TrapSettings, driving: DrivingSettings) -> int:
+    def try_out(
+        self, scenario: TrapSettings, driving: DrivingSettings, split: str = "training"
+    ) -> int:
         """Try the user's own functions, each traced alone: a mistake shows at once, under its name.
+
+        Args:
+            scenario: where episodes start.
+            driving: the decision process.
+            split: from which starts.
 
         Returns:
             Length of what the controller sees.
@@ -57,7 +65,7 @@ class Parts:
         if not self.names():
             return observation.SIZE
         world = self._tried(
-            "start", lambda key: self.start(scenario, key, "training"), jax.random.key(0)
+            "start", lambda key: self.start(scenario, key, split), jax.random.key(0)
         )
         if not isinstance(world, World):
             raise SettingsError(f"{self._called('start')} must return a World, not {_kind(world)}")
@@ -78,7 +86,18 @@ class Parts:
             raise SettingsError(
                 f"{self._called('success')} must return one bool, not {_kind(escaped)}"
             )
+        self._check_trap(scenario, split)
         return int(seen.shape[0])
+
+    def _check_trap(self, scenario: TrapSettings, split: str) -> None:
+        """Refuses the paper's success where there is nothing to get past."""
+        if self.start is OURS.start or self.success is not OURS.success:
+            return
+        if not _trap_cars(self.start, scenario, split, jax.random.key(0)).any():
+            raise SettingsError(
+                f"{self._called('start')} places no trap car (a CONSTANT driver), and the paper's "
+                "success is to get past them; give success= too"
+            )
 
     def _tried(self, part: str, call: Callable[..., Any], *traced: Any) -> Any:
         """What a function returns, as shapes."""
@@ -95,6 +114,12 @@ class Parts:
     def _called(self, part: str) -> str:
         function = getattr(self, part)
         return f"{part}: {getattr(function, '__qualname__', repr(function))}"
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _trap_cars(start: Any, scenario: TrapSettings, split: str, key: Array) -> Array:
+    """Which vehicles of a start are trap cars, bool [N]."""
+    return trap.trap_cars(start(scenario, key, split))
 
 
 def _is_array(value: Any) -> bool:

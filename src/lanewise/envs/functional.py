@@ -106,7 +106,7 @@ def make(
     composed = keywords.compose(preset, trap, settings)
     look_up("split", split, dict.fromkeys(SPLITS))
     # Refuses what does not work.
-    checked(parts).try_out(composed.scenario, composed.driving)
+    checked(parts).try_out(composed.scenario, composed.driving, split)
     frequency = composed.driving.decision_frequency
     if isinstance(duration, bool) or not isinstance(duration, int | float | np.number):
         raise SettingsError(f"duration: expected a number of seconds, got {str(duration)[:80]}")

@@ -42,9 +42,7 @@ def record(course: OutsideCourse, decide: Decide, seed: int, index: int) -> Reco
     """Drive episode ``index`` of ``seed`` and keep every frame."""
     frames = _drive(course, decide, seed, index)
     stacked = jax.tree.map(lambda *leaf: np.stack(leaf), *frames)
-    return drive.recording(
-        course.test, jax.device_get(drive.start(course.test, seed, index)), *stacked
-    )
+    return drive.recording(course.test, twin.start(course.test, seed, index), *stacked)
 
 
 def _drive(course: OutsideCourse, decide: Decide, seed: int, index: int) -> list[Any]:
