@@ -31,6 +31,7 @@ from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1, RunFolder
 from lanewise.runs.lender import check_lender
 from lanewise.runs.trained import Trained
 from lanewise.settings import Settings
+from lanewise.training import trial
 
 __all__ = ["Evaluation", "Parts", "evaluate", "train"]
 
@@ -163,11 +164,11 @@ def train(
             folder = RunFolder.resume(path, composed if given else None, controller, seed)
         else:
             # Before the folder is made: a refused run leaves nothing behind.
-            parts.try_out(composed.scenario, composed.driving)
             if lender is not None:
-                check_lender(lender, composed)
+                check_lender(lender, composed, parts.names())
+            observed = trial.trace(composed, controller, parts)
             folder = RunFolder.create(
-                path, composed, controller, 0 if seed is None else seed, parts.names()
+                path, composed, controller, 0 if seed is None else seed, parts.names(), observed
             )
         with folder, Progress(quiet=quiet) as reporter:
             training.train(folder, lender, reporter, tensorboard=tensorboard, parts=parts)

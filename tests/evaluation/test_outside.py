@@ -205,9 +205,7 @@ def test_the_paper_s_success_wants_trap_cars(start):
     assert len(str(refused.value).splitlines()) == 1
 
 
-@pytest.mark.parametrize(
-    "world", [pytest.param("lanewise", marks=pytest.mark.slow), "highway-env"]
-)
+@pytest.mark.parametrize("world", [pytest.param("lanewise", marks=pytest.mark.slow), "highway-env"])
 @pytest.mark.parametrize(
     ("parts", "roles"),
     [
