@@ -103,7 +103,9 @@ def main(steps: int = 60_000, seed: int = 0) -> tuple[Evaluation, Evaluation]:
     learnt = lanewise.evaluate(
         lambda seen: agent(torch.as_tensor(seen)).argmax(1).numpy(), name="CleanRL-style DQN"
     )
-    random = lanewise.evaluate(lambda seen: chance.integers(9, size=len(seen)), name="random")
+    random = lanewise.evaluate(
+        lambda seen: chance.integers(9, size=len(seen)), name="random", deterministic=False
+    )
     print(learnt.table(random))
     return learnt, random
 

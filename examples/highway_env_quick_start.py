@@ -40,7 +40,10 @@ def main(steps: int = 100, seed: int = 0) -> tuple[Evaluation, Evaluation]:
     tests = {"world": "highway-env", "episodes": 20}
     trained = lanewise.evaluate("pretrained/hierarchical", **tests)
     random = lanewise.evaluate(
-        lambda seen: chance.integers(9, size=len(seen)), name="random", **tests
+        lambda seen: chance.integers(9, size=len(seen)),
+        name="random",
+        deterministic=False,
+        **tests,
     )
     print(trained.table(random))
     return trained, random

@@ -45,7 +45,10 @@ def main(steps: int = 8_000, seed: int = 0) -> tuple[Evaluation, Evaluation]:
     chance = np.random.default_rng(seed)
     learnt = lanewise.evaluate(train(steps, seed), name="SB3 DQN", actions="goal")
     random = lanewise.evaluate(
-        lambda seen: chance.integers(9, size=len(seen)), name="random", actions="goal"
+        lambda seen: chance.integers(9, size=len(seen)),
+        name="random",
+        actions="goal",
+        deterministic=False,
     )
     print(learnt.table(random))
     return learnt, random

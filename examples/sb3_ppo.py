@@ -37,7 +37,10 @@ def main(steps: int = 20_000, seed: int = 0) -> tuple[Evaluation, Evaluation]:
     chance = np.random.default_rng(seed)
     learnt = lanewise.evaluate(train(steps, seed), name="SB3 PPO", actions="continuous")
     random = lanewise.evaluate(
-        lambda seen: chance.uniform(-1, 1, (len(seen), 2)), name="random", actions="continuous"
+        lambda seen: chance.uniform(-1, 1, (len(seen), 2)),
+        name="random",
+        actions="continuous",
+        deterministic=False,
     )
     print(learnt.table(random))
     return learnt, random

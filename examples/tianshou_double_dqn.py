@@ -72,7 +72,10 @@ def main(steps: int = 12_000, seed: int = 0) -> tuple[Evaluation, Evaluation]:
         lambda seen: policy(Batch(obs=seen, info={})).act, name="Tianshou", actions="goal"
     )
     random = lanewise.evaluate(
-        lambda seen: chance.integers(9, size=len(seen)), name="random", actions="goal"
+        lambda seen: chance.integers(9, size=len(seen)),
+        name="random",
+        actions="goal",
+        deterministic=False,
     )
     print(learnt.table(random))
     return learnt, random

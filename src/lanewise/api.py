@@ -32,6 +32,7 @@ from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1, RunFolder
 from lanewise.runs.lender import check_lender
 from lanewise.runs.trained import Trained
 from lanewise.settings import Settings
+from lanewise.training import trial
 
 __all__ = ["Evaluation", "Parts", "evaluate", "train"]
 
@@ -168,11 +169,11 @@ def train(
             folder = RunFolder.resume(path, composed if given else None, controller, seed)
         else:
             # Before the folder is made: a refused run leaves nothing behind.
-            parts.try_out(composed.scenario, composed.driving)
             if lender is not None:
-                check_lender(lender, composed)
+                check_lender(lender, composed, parts.names())
+            observed = trial.trace(composed, controller, parts)
             folder = RunFolder.create(
-                path, composed, controller, 0 if seed is None else seed, parts.names()
+                path, composed, controller, 0 if seed is None else seed, parts.names(), observed
             )
         with folder, Progress(quiet=quiet) as reporter:
             try:
@@ -210,6 +211,7 @@ def evaluate(
     episodes: int = 300,
     seed: int = 0,
     batched: bool | None = None,
+    deterministic: bool = True,
     quiet: bool = False,
     **settings: Any,
 ) -> Evaluation:
@@ -219,9 +221,9 @@ def evaluate(
     and hand it over.
 
     Args:
-        policy: a function from observations (float32 [26], or a batch [B, 26]) to actions; an
-            object with ``predict`` as Stable-Baselines3's agents; or one of ours: a run folder,
-            ``pretrained/NAME``, ``reference/NAME``.
+        policy: a function from observations (float32 [26], or a batch [B, 26]) to actions, which
+            remembers nothing; an object with ``predict`` as Stable-Baselines3's agents, which may;
+            or one of ours: a run folder, ``pretrained/NAME``, ``reference/NAME``.
         name: in the table; ``policy`` by default. Ours have their own.
         actions: what the policy chooses: ``low-level`` actions (the default), ``goal`` (heeded
             where the goal critic wants a new one) or ``continuous`` acceleration and steering. Not
@@ -230,6 +232,8 @@ def evaluate(
         episodes: number of test episodes, at most 10,000,000.
         seed: of the starts.
         batched: whether a function takes batches; None finds out. For functions only.
+        deterministic: ask ``predict`` for its deterministic action, and refuse a function that
+            answers the same observation differently; False for a policy that draws at random.
         quiet: show no progress.
         settings: as of `lanewise.envs.functional.make`, such as ``duration``, ``parts`` and any
             setting of scenario and driving; a controller of ours brings its own settings, and
@@ -244,9 +248,12 @@ def evaluate(
     forked.refuse()
     look_up("world", world, dict.fromkeys(WORLDS))
     episodes, seed = _whole(COUNT, "episodes", episodes), _whole(SEED, "seed", seed)
-    SWITCH.check("quiet", quiet)
+    for option, switch in {"quiet": quiet, "deterministic": deterministic}.items():
+        SWITCH.check(option, switch)
     if isinstance(policy, str | Path | Trained):
-        for option, value in {"name": name, "actions": actions, "batched": batched}.items():
+        at_random = None if deterministic else True
+        options = {"name": name, "actions": actions, "batched": batched, "deterministic": at_random}
+        for option, value in options.items():
             if value is not None:
                 raise LanewiseError(f"{option}: a controller of ours brings its own; leave it out")
         return _ours(policy, world, episodes, seed, quiet, settings)
@@ -254,7 +261,7 @@ def evaluate(
     if batched is not None:
         SWITCH.check("batched", batched)
     course = _course("low-level" if actions is None else actions, settings)
-    decide = policies.decider(policy, batched, course.shape)
+    decide = policies.decider(policy, batched, course.choices, deterministic)
     driver: Any = interop.twin_of_policies() if world == "highway-env" else outside
     with Progress(quiet=quiet) as reporter:
         reporter.stage(name, episodes)

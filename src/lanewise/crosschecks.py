@@ -29,7 +29,9 @@ TRAINED = {
 }
 """Sections of the stages that each controller is trained in."""
 _PAY = ("external_weight", "tracking_weight", "approach_weight", "goal_reward")
-_FEATURES, _GIB = 26, 1 << 30
+FEATURES = 26
+"""Numbers that the paper's controllers observe."""
+_GIB = 1 << 30
 
 
 def check(settings: Settings) -> None:
@@ -70,7 +72,9 @@ def check_high_level(lender: Settings, borrower: Settings) -> None:
         raise SettingsError("has another high-level network (high_level.learner.hidden)")
 
 
-def check_memory(settings: Settings, controller: str, available: int | None) -> None:
+def check_memory(
+    settings: Settings, controller: str, available: int | None, observed: int = FEATURES
+) -> None:
     """Refuses a training that no checkpoint of could be held in memory.
 
     A lower bound: networks, their targets, both moments of Adam, the weights kept so far, and the
@@ -80,18 +84,21 @@ def check_memory(settings: Settings, controller: str, available: int | None) -> 
         settings: of the training.
         controller: what is trained.
         available: bytes; None where they are not known, and nothing is refused.
+        observed: numbers in an observation.
 
     Raises:
         SettingsError: names the learner that needs the most, what it needs and what there is.
     """
     for stage in TRAINED[controller]:
-        needs = {name: _least_bytes(learner) for name, learner in _learners(settings, stage)}
+        needs = {
+            name: _least_bytes(learner, observed) for name, learner in _learners(settings, stage)
+        }
         if available is not None and sum(needs.values()) > available:
             largest = max(needs, key=lambda name: needs[name])
             raise SettingsError(
                 f"{largest}.hidden and replay_capacity need at least "
                 f"{sum(needs.values()) / _GIB:.1f} GiB of memory, the machine has "
-                f"{available / _GIB:.1f} GiB"
+                f"{available / _GIB:.1f} GiB; {observed:,} numbers are observed"
             )
 
 
@@ -103,9 +110,9 @@ def _learners(settings: Settings, stage: str) -> list[tuple[str, LearnerSettings
     return [(f"h_dqn.{name}.learner", getattr(settings.h_dqn, name).learner) for name in levels]
 
 
-def _least_bytes(learner: LearnerSettings) -> int:
-    weights = sum(above * below for below, above in pairwise((_FEATURES, *learner.hidden)))
-    rows = learner.replay_capacity * 2 * _FEATURES
+def _least_bytes(learner: LearnerSettings, observed: int) -> int:
+    weights = sum(above * below for below, above in pairwise((observed, *learner.hidden)))
+    rows = learner.replay_capacity * 2 * observed
     return 4 * (5 * weights + rows)
 
 

@@ -32,6 +32,10 @@ class CheckpointError(LanewiseError):
     """A stored file is missing, truncated, altered, or not what its manifest says."""
 
 
+class ActionError(LanewiseError, ValueError):
+    """An action does not exist, or is none; Gymnasium's environments raise a ValueError."""
+
+
 class NumbersError(LanewiseError):
     """A number that must be finite is not: in what is seen or paid, in a loss or in weights."""
 

@@ -1,6 +1,7 @@
 """Anyone's policy through the protocol: the same episodes as a controller of ours that does the
 same."""
 
+import dataclasses
 import json
 from functools import cache
 
@@ -10,11 +11,13 @@ import numpy as np
 import pytest
 
 import lanewise
-from lanewise import config
+from lanewise import api, config
 from lanewise.errors import LanewiseError
-from lanewise.evaluation import drive, metrics, outside
+from lanewise.evaluation import drive, metrics, outside, policies
 from lanewise.learning import network
 from lanewise.training import recipe
+from lanewise.world import build, road
+from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, World
 
 SETTINGS = config.compose()
 PARAMETERS = {
@@ -154,6 +157,10 @@ def test_a_controller_of_ours(place, capsys):
         lanewise.evaluate(place, trap_speed=9.0)
 
 
+def survived(world):
+    return world.vehicles.x[0] > 1.0
+
+
 def test_the_user_s_own_success(tmp_path):
     parts = lanewise.Parts(success=survived)
     found = lanewise.evaluate(lambda seen: 4, episodes=4, duration=2.0, parts=parts)
@@ -165,8 +172,54 @@ def test_the_user_s_own_success(tmp_path):
     )
 
 
-def survived(world):
-    return world.vehicles.x[0] > 1.0
+def in_a_row(settings, *kinds):
+    """Vehicles 30 m apart in the left lane, all as fast as the trap."""
+    x, lane = 30.0 * jnp.arange(len(kinds)), jnp.zeros(len(kinds), jnp.int32)
+    return World(
+        road=road.straight_road(settings.lanes),
+        drivers=build.make_drivers([settings.traffic.driver] * len(kinds), kinds),
+        vehicles=build.make_vehicles(x, 0.0 * x, 0.0 * x + settings.trap_speed, lane),
+    )
+
+
+def alone(settings, key, split):
+    return in_a_row(settings, EXTERNAL)
+
+
+def among_traffic(settings, key, split):
+    return in_a_row(settings, EXTERNAL, RULE_BASED, RULE_BASED)
+
+
+def behind_three(settings, key, split):
+    """More than the paper's twelve vehicles, the second of which is not there."""
+    world = in_a_row(settings, EXTERNAL, *[CONSTANT] * 4, *[RULE_BASED] * 9)
+    present = world.vehicles.present.at[1].set(False)
+    return dataclasses.replace(world, vehicles=dataclasses.replace(world.vehicles, present=present))
+
+
+@pytest.mark.parametrize("start", [alone, among_traffic])
+def test_the_paper_s_success_wants_trap_cars(start):
+    said = rf"start: {start.__name__} places no trap car.*; give success= too"
+    with pytest.raises(LanewiseError, match=said) as refused:
+        lanewise.evaluate(idle, parts=lanewise.Parts(start=start), episodes=1)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("world", [pytest.param("lanewise", marks=pytest.mark.slow), "highway-env"])
+@pytest.mark.parametrize(
+    ("parts", "roles"),
+    [
+        (lanewise.Parts(start=alone, success=survived), [0]),
+        (lanewise.Parts(start=behind_three), [0, 1, 1, 1] + [2] * 9),
+    ],
+    ids=["1", "14"],
+)
+def test_any_number_of_vehicles_is_driven_and_drawn_by_what_they_are(tmp_path, parts, roles, world):
+    found = lanewise.evaluate(idle, episodes=1, duration=1.0, parts=parts, world=world)
+    assert found.episodes.success.tolist() == [len(roles) == 1]
+    recording = found.record()
+    assert recording.role[recording.present].tolist() == roles
+    found.clip(tmp_path / "own.gif")
 
 
 def test_episodes_to_look_at(tmp_path):
@@ -196,6 +249,120 @@ def test_episodes_to_look_at(tmp_path):
 def test_policies_that_make_no_sense(policy, said):
     with pytest.raises(LanewiseError, match=said):
         lanewise.evaluate(policy, episodes=2)
+
+
+class Remembers:
+    """Goes straight on, and harder to the right the more often it was asked."""
+
+    def __init__(self, batched):
+        self.asked, self.batched = 0, batched
+
+    def __call__(self, seen):
+        if not self.batched:
+            assert seen.shape == (26,)
+        self.asked += 1
+        action = 4 if self.asked < 20 else 5
+        return np.full(len(seen), action) if self.batched else action
+
+
+@pytest.mark.parametrize("world", api.WORLDS)
+@pytest.mark.parametrize("batched", [True, False])
+def test_a_function_that_remembers_is_told_how_to(world, batched):
+    said = r"with 4 and later with 5.*\n.* an object with predict\(observation, state"
+    with pytest.raises(LanewiseError, match=said) as refused:
+        lanewise.evaluate(Remembers(batched), batched=batched, episodes=1, world=world)
+    assert len(str(refused.value).splitlines()) == 2
+
+
+def test_a_function_that_draws_is_tested_where_it_says_so():
+    chance = np.random.default_rng(0)
+
+    def at_random(seen):
+        return chance.integers(9, size=len(seen))
+
+    with pytest.raises(LanewiseError, match="draws at random, deterministic=False"):
+        lanewise.evaluate(at_random, episodes=1)
+    assert len(lanewise.evaluate(at_random, episodes=2, deterministic=False).episodes) == 2
+    agent = Agent(idle)
+    lanewise.evaluate(agent, episodes=1, deterministic=False)
+    assert not any(deterministic for *_, deterministic in agent.asked)
+    with pytest.raises(LanewiseError, match=r"deterministic: .* leave it out"):
+        lanewise.evaluate("pretrained/single-level", deterministic=False)
+
+
+@pytest.mark.parametrize("world", api.WORLDS)
+def test_a_function_of_one_observation_is_asked_for_the_episodes_under_way_alone(world):
+    asked = []
+
+    def swerve(seen):
+        asked.append(seen)
+        return 8
+
+    found = lanewise.evaluate(swerve, batched=False, episodes=3, world=world, duration=25.0)
+    decisions = int(found.episodes.duration.sum() * 2)
+    assert decisions < 3 * 50, "episodes end early"
+    # And now and then the first of them once more.
+    assert decisions < len(asked) < decisions + 3 * 8
+    asked.clear()
+    found.record(1)
+    assert found.episodes.duration[1] * 2 <= len(asked) < 50
+
+
+def test_continuous_answers_may_differ_by_rounding():
+    asked = []
+
+    def rounding(seen):
+        asked.append(seen)
+        return np.full((len(seen), 2), 0.5 + 1e-6 * (len(asked) % 2))
+
+    decide = policies.decider(rounding, True, 0)
+    for decision in range(8):
+        decide(np.zeros((3, 26), np.float32), np.ones(3, bool), decision == 0)
+
+
+RETURNED = {
+    "too large": ("continuous", lambda seen: np.full((len(seen), 2), 1e39)),
+    "beyond the limit": ("continuous", lambda seen: np.full((len(seen), 2), 1.5)),
+    "not a number": ("continuous", lambda seen: np.full((len(seen), 2), np.nan)),
+    "complex": ("continuous", lambda seen: np.full((len(seen), 2), 0.5 + 1j)),
+    "truth": ("continuous", lambda seen: np.full((len(seen), 2), True)),
+    "one complex": ("continuous", lambda seen: [0.5, 1j]),
+    "ragged": ("low-level", lambda seen: [[4]] + [[4, 4]] * (len(seen) - 1)),
+    "text": ("low-level", lambda seen: ["4"] * len(seen)),
+    "one text": ("low-level", lambda seen: "4"),
+    "nothing": ("low-level", lambda seen: None),
+    "truths": ("low-level", lambda seen: [True] * len(seen)),
+    "objects": ("low-level", lambda seen: np.full(len(seen), 4, object)),
+    "one shape, then another": ("low-level", lambda seen: [4] * (1 + (seen[0] > 0))),
+    "predicts ragged": ("low-level", Agent(lambda seen: [[4]] + [[4, 4]] * (len(seen) - 1))),
+    "predicts nothing": ("low-level", Agent(lambda seen: None)),
+}
+
+
+@pytest.mark.parametrize(("actions", "policy"), RETURNED.values(), ids=list(RETURNED))
+@pytest.mark.parametrize("batched", [None, True])
+def test_what_is_no_action_is_refused_in_a_line(actions, policy, batched):
+    count = 0 if actions == "continuous" else 9
+    given = None if hasattr(policy, "predict") else batched
+    decide = policies.decider(policy, given, count)
+    with pytest.raises(LanewiseError, match="the policy must return") as refused:
+        decide(np.zeros((4, 26), np.float32), np.ones(4, bool), True)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+def test_predict_returns_actions_and_at_most_a_state():
+    class Three:
+        def predict(self, observation):
+            return np.full(len(observation), 4), None, None
+
+    with pytest.raises(LanewiseError, match=r"predict\(\) .* it returned 3 values"):
+        lanewise.evaluate(Three(), episodes=1)
+
+
+@pytest.mark.parametrize("world", api.WORLDS)
+def test_both_worlds_refuse_what_is_no_action(world):
+    with pytest.raises(LanewiseError, match="the policy must return"):
+        lanewise.evaluate(lambda seen: None, episodes=1, world=world)
 
 
 def test_a_policy_that_fails_says_so_itself():

@@ -113,6 +113,31 @@ def test_the_legend_names_only_what_is_seen():
     assert "traffic" in [text.get_text() for text in met.get_texts()]
 
 
+def with_roles(*role):
+    """The ego is where it was; the first vehicles are of these roles."""
+    made = PAIR["hierarchical"]
+    return dataclasses.replace(made, role=np.r_[role, made.role[len(role) :]].astype(np.int8))
+
+
+def test_as_many_trap_cars_are_numbered_and_named_as_there_are():
+    for count, said in ((1, "trap car (1)"), (2, "trap cars (1, 2)"), (3, "trap cars (1 to 3)")):
+        figure = draw({"a": with_roles(0, *[1] * count, *[2] * (3 - count))}, times=(2.0,))
+        names = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert said in names
+    one = make_recording()
+    twelve = {
+        name: np.repeat(getattr(one, name)[..., :2], [1, 12], axis=-1)
+        for name in ("x", "y", "heading", "speed", "crashed", "present", "length", "width")
+    }
+    draw({"a": dataclasses.replace(one, **twelve, role=np.r_[0, [1] * 12])}, times=(2.0,))
+
+
+def test_success_without_a_trap_is_no_way_past_it():
+    alone = with_roles(0, 2, 2)
+    figure = draw({"a": dataclasses.replace(alone, escaped=alone.time > 1.0)}, times=(2.0,))
+    assert "succeeded" in captions(figure.axes[0])
+
+
 def test_absent_vehicles_are_not_drawn():
     recording = dataclasses.replace(PAIR["hierarchical"], present=np.arange(8) == 0)
     axes = draw({"a": recording}, times=(1.0,)).axes[0]

@@ -1,14 +1,22 @@
 """A run trained with the user's own start, observation, reward and success."""
 
+import dataclasses
+from functools import partial
+
+import jax
 import jax.numpy as jnp
 import pytest
 from test_train import FLAGS
 
 import lanewise
-from lanewise import api
+from lanewise import api, config, cores
 from lanewise.cli import main
+from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import LanewiseError, RunError, SettingsError
 from lanewise.runs import metrics
+from lanewise.runs.folder import RunFolder
+from lanewise.scenario import trap
+from lanewise.scenario.settings import TrapSettings
 
 
 def hurry(settings, world, steering, accident):
@@ -30,6 +38,70 @@ def two_dimensional(settings, world):
 
 def asks(settings, world, steering, accident):
     return -2.0 if accident else 0.25
+
+
+def with_whole_places(settings, key, split):
+    world = trap.sample(settings, key, split)
+    whole = world.vehicles.x.astype(jnp.int32)
+    return dataclasses.replace(world, vehicles=dataclasses.replace(world.vehicles, x=whole))
+
+
+def without_a_driver(settings, key, split):
+    world = trap.sample(settings, key, split)
+    fewer = world.drivers.kind[1:]
+    return dataclasses.replace(world, drivers=dataclasses.replace(world.drivers, kind=fewer))
+
+
+def only_in_training(settings, key, split):
+    assert split == "training", "no other starts"
+    return trap.sample(settings, key, split)
+
+
+def fewer_in_tests(settings, key, split):
+    world = trap.sample(settings, key, split)
+    if split != "test":
+        return world
+    fewer = jax.tree.map(lambda leaf: leaf[:2], (world.drivers, world.vehicles))
+    return dataclasses.replace(world, drivers=fewer[0], vehicles=fewer[1])
+
+
+def all_places(settings, world):
+    return world.vehicles.x
+
+
+class FailsLater:
+    """Of the traces of a training, all but the first are refused."""
+
+    def __init__(self, traces):
+        self.left = traces
+
+    def __call__(self, settings, world, steering, accident):
+        self.left -= 1
+        assert self.left >= 0, "once too often"
+        return jnp.where(accident, -2.0, 0.25)
+
+
+@dataclasses.dataclass(frozen=True)
+class Weighted:
+    """A reward with a setting of its own."""
+
+    weight: float
+    given: object = None
+
+    def __call__(self, settings, world, steering, accident):
+        return jnp.where(accident, -self.weight, 0.25)
+
+
+@dataclasses.dataclass
+class Unhashable:
+    weight: float
+
+    def __call__(self, *given):
+        return jnp.float32(self.weight)
+
+
+def weighted(weight, settings, world, steering, accident, more=0.0):
+    return jnp.where(accident, -weight, more)
 
 
 PARTS = lanewise.Parts(observe=place_and_speed, reward=hurry, success=started)
@@ -67,6 +139,89 @@ def test_it_is_not_mistaken_for_another(run, capsys, tmp_path):
         lanewise.evaluate("pretrained/single-level", parts=PARTS)
     with pytest.raises(RunError, match="finished"):
         lanewise.train(run, parts=PARTS, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("parts", "said"),
+    [
+        ({"reward": lambda *given: 0.25j}, "must return one real number"),
+        ({"observe": lambda settings, world: jnp.zeros(0)}, "from 1 to 65,536 numbers, not 0"),
+        ({"start": only_in_training}, "start: only_in_training fails: no other starts"),
+        (
+            {"start": fewer_in_tests, "observe": all_places},
+            r"observe: all_places returns \d+ numbers in training and 2 in test",
+        ),
+        ({"reward": FailsLater(2)}, "reward: FailsLater fails: once too often"),
+        (
+            {"reward": FailsLater(6)},
+            r"reward: test_own_parts.FailsLater \(in a training\) fails: once too often",
+        ),
+    ],
+    ids=["complex", "nothing", "splits", "lengths", "third trace", "seventh trace"],
+)
+def test_parts_are_tried_in_full_before_a_run_is_made(tmp_path, parts, said):
+    given = {"parts": lanewise.Parts(**parts), "quiet": True}
+    with pytest.raises(SettingsError, match=said) as refused:
+        lanewise.train(tmp_path / "run", "single-level", **given, **FLAGS)
+    assert len(str(refused.value).splitlines()) == 1
+    assert not (tmp_path / "run").exists()
+
+
+def test_memory_is_asked_for_what_is_observed(tmp_path, monkeypatch):
+    monkeypatch.setattr(cores, "memory", lambda: 1 << 25)
+    wide = lanewise.Parts(observe=lambda settings, world: jnp.zeros(60_000))
+    with pytest.raises(SettingsError, match=r"the machine has 0\.0 GiB; 60,000 numbers are"):
+        lanewise.train(tmp_path / "run", "single-level", parts=wide, quiet=True, **FLAGS)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_lender_with_other_parts_is_refused_before_a_run_is_made(tmp_path, capsys):
+    lender = tmp_path / "lender"
+    RunFolder.create(lender, config.compose(), "planned", 0, PARTS.names()).close()
+    (lender / "stages").mkdir()
+    (lender / "stages" / "step-1.json").write_text("{}")
+    run = tmp_path / "run"
+    with pytest.raises(RunError, match="was made with observe: "):
+        lanewise.train(run, high_level=lender)
+    assert main(["train", "hierarchical", "--out", str(run), "--high-level", str(lender)]) == 2
+    assert "was made with observe: " in capsys.readouterr().err
+    assert not run.exists()
+
+
+def test_functions_of_every_kind_have_a_name_that_stays():
+    for function, name in (
+        (weighted, "weighted"),
+        (partial(weighted, 2.0), "weighted(2.0)"),
+        (partial(weighted, 2.0, more=0.5), "weighted(2.0, more=0.5)"),
+        (partial(partial(weighted, 2.0), more=jnp.zeros(3)), "weighted(2.0, more=ArrayImpl)"),
+        (Weighted(0.5), "Weighted(weight=0.5, given=None)"),
+        (Weighted(0.5, "a\n" * 100), "Weighted(weight=0.5, given='a\\n" + "a\\n" * 25),
+        (FailsLater(3), "FailsLater"),
+        (Weighted(0.5).__call__, "Weighted.__call__"),
+        (jax.jit(hurry), "hurry"),
+    ):
+        (found,) = lanewise.Parts(reward=function).names()
+        assert found.startswith(f"reward: test_own_parts.{name}")
+    parts = lanewise.Parts(reward=partial(weighted, 2.0))
+    assert parts.try_out(TrapSettings(), DrivingSettings()) == 26
+    with pytest.raises(SettingsError, match=r"^reward: weighted\(complex\) must return one real"):
+        lanewise.evaluate(lambda seen: 4, parts=lanewise.Parts(reward=partial(weighted, 2j)))
+
+
+@pytest.mark.parametrize(
+    ("function", "said"),
+    [
+        (Unhashable(0.5), r"reward: Unhashable.* cannot be hashed; .*\(frozen=True\)"),
+        (Weighted(0.5, [1.0]), r"reward: Weighted.* cannot be hashed; "),
+        (3.0, "reward: expected a function, got 3.0"),
+        ("hurry", 'reward: expected a function, got "hurry"'),
+        (None, "reward: expected a function, got None"),
+    ],
+)
+def test_what_cannot_be_compiled_with_is_refused_when_parts_are_made(function, said):
+    with pytest.raises(SettingsError, match=said) as refused:
+        lanewise.Parts(reward=function)
+    assert len(str(refused.value).splitlines()) == 1
 
 
 @pytest.mark.parametrize("quiet", [False, True])
@@ -122,11 +277,21 @@ def test_mistakes_leave_nothing_behind(tmp_path):
             r"must return a float32 vector, not float32 of shape \(2, 2\)",
         ),
         ("observe", lambda settings, world: [1.0], "must return a float32 vector, not a list"),
-        ("reward", lambda s, world, *rest: world.vehicles.x, r"one number, not float32 of shape"),
+        ("observe", lambda settings, world: jnp.zeros(0), "from 1 to 65,536 numbers, not 0"),
+        ("observe", lambda settings, world: jnp.zeros(10**8), "to 65,536 numbers, not 100,000,000"),
+        ("reward", lambda s, world, *rest: world.vehicles.x, "one real number, not float32 of sha"),
+        ("reward", lambda *given: 0.25j, r"one real number, not complex64 of shape \(\)"),
         ("reward", lambda settings, world: 1.0, "fails: .* takes 2 positional arguments but 4"),
         ("reward", asks, "reward: asks fails: .* use jnp.where instead of if"),
         ("success", lambda world: world.vehicles.x[0], "must return one bool, not float32"),
+        ("reward", lambda *given: jax.pure_callback(float, 0.0, 0.0), "fails: .*"),
         ("start", lambda *given: 3, "must return a World, not int32"),
+        ("start", with_whole_places, r"vehicles.x as float32 of shape \(12,\), not int32 of shape"),
+        (
+            "start",
+            without_a_driver,
+            r"drivers.kind as int32 of shape \(12,\), not int32 of shape \(",
+        ),
     ],
 )
 def test_wrong_functions_are_refused_by_name_before_anything_is_driven(part, function, said):

@@ -14,7 +14,9 @@ from lanewise.evaluation.drive import TestCourse as Course
 from lanewise.evaluation.drive import start
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
-from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED
+from lanewise.world import build, road
+from lanewise.world.settings import PAPER_DRIVER
+from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, World
 
 SETTINGS = TrapSettings()
 
@@ -105,8 +107,28 @@ def test_the_trap_stands_in_the_two_leftmost_lanes():
     assert world.vehicles.y[:3].tolist() == [0.0, 0.0, 4.0]
     assert world.vehicles.speed[:3].tolist() == [10.0, 10.0, 10.0]
     assert world.drivers.kind.tolist() == [EXTERNAL, CONSTANT, CONSTANT] + [RULE_BASED] * 9
-    assert trap.roles(SETTINGS) == [0, 1, 1] + [2] * 9
+    assert trap.roles(world).tolist() == [0, 1, 1] + [2] * 9
     assert trap.vehicle_count(SETTINGS) == 12 == world.vehicles.x.shape[0]
+
+
+@pytest.mark.parametrize("others", [1, 2, 3, 4])
+def test_the_ego_must_get_past_as_many_trap_cars_as_there_are(others):
+    kinds = [EXTERNAL] + [CONSTANT] * others + [RULE_BASED] * 2
+    lane = np.zeros(len(kinds), np.int32)
+    x = np.r_[100.0, 90.0 - 10.0 * np.arange(others), 200.0, 300.0]
+    world = World(
+        road=road.straight_road(3),
+        drivers=build.make_drivers([PAPER_DRIVER] * len(kinds), kinds),
+        vehicles=build.make_vehicles(x, 0.0 * x, 0.0 * x, lane),
+    )
+    assert trap.roles(world).tolist() == [0] + [1] * others + [2, 2]
+    assert trap.escaped(world)
+    for car in range(1, others + 1):
+        ahead = world.vehicles.x.at[car].set(120.0)
+        there = replace(world, vehicles=replace(world.vehicles, x=ahead))
+        assert not trap.escaped(there)
+        absent = there.vehicles.present.at[car].set(False)
+        assert trap.escaped(replace(there, vehicles=replace(there.vehicles, present=absent)))
 
 
 def test_trap_cars_keep_their_speed_and_lane_all_episode_long():

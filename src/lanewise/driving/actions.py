@@ -1,9 +1,14 @@
 """The nine low-level actions: pairs of acceleration and steering, in highway-env's order."""
 
+from typing import Any
+
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
+from numpy.typing import NDArray
 
 from lanewise.driving.settings import ActionSettings
+from lanewise.errors import ActionError, brief
 
 COUNT = 9
 """Number of low-level actions; index = 3 * (acceleration + 1) + (steering + 1), signs in
@@ -41,3 +46,42 @@ def shared(settings: ActionSettings, shares: Array) -> tuple[Array, Array]:
     """
     shares = jnp.clip(shares, -1.0, 1.0)
     return shares[0] * settings.acceleration, shares[1] * settings.steering
+
+
+def checked(given: Any, count: int, shape: tuple[int, ...], wanted: str) -> NDArray[Any]:
+    """Actions from outside, discrete or continuous, as compiled functions take them.
+
+    Args:
+        given: an array, or what NumPy makes one of.
+        count: number of discrete actions; 0 for continuous ones, [..., 2] from -1 to 1.
+        shape: of the actions.
+        wanted: how an error begins: what they must be.
+
+    Returns:
+        int32, or float32 for continuous ones.
+
+    Raises:
+        ActionError: one does not exist. JAX would take another one instead.
+    """
+    try:
+        found = np.asarray(given)
+    except Exception as error:  # A ragged list, or a tensor of another device.
+        reason = str(error).strip().partition("\n")[0]
+        raise ActionError(f"{wanted}, got what is no array: {brief(reason)}") from error
+    if found.shape != shape:
+        raise ActionError(f"{wanted}, got {brief(given)} of shape {found.shape}")
+    if not are_numbers(found.dtype, count):
+        raise ActionError(f"{wanted}, got {brief(found.flat[0])} of type {found.dtype}")
+    # What float32 cannot hold becomes infinite, and is out of range.
+    with np.errstate(over="ignore"):
+        narrow = found if count else found.astype(np.float32)
+    exist = (narrow >= 0) & (narrow < count) if count else np.abs(narrow) <= 1.0
+    if not exist.all():
+        raise ActionError(f"{wanted}, got {brief(found[~exist].flat[0])}")
+    return narrow.astype(np.int32 if count else np.float32)
+
+
+def are_numbers(dtype: Any, count: int) -> bool:
+    """Whether a type holds whole numbers, as discrete actions are, or for a count of 0 any real."""
+    whole = jnp.issubdtype(dtype, jnp.integer) and dtype.kind != "m"  # NumPy's durations.
+    return bool(whole or (count == 0 and jnp.issubdtype(dtype, jnp.floating)))

@@ -1,7 +1,8 @@
 """What of the decision process may be replaced by a user's functions."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
 from typing import Any
 
@@ -11,23 +12,33 @@ from jax import Array
 
 from lanewise.driving import observation, reward
 from lanewise.driving.settings import DrivingSettings, ObservationSettings, RewardSettings
-from lanewise.errors import LanewiseError, SettingsError
+from lanewise.errors import LanewiseError, SettingsError, brief
+from lanewise.ranges import show
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
 from lanewise.world.state import World
+
+LONGEST = 65_536
+"""Numbers that may be observed, as many as a network's layer may be wide."""
 
 
 @dataclass(frozen=True)
 class Parts:
     """How an episode starts, and what is seen, paid and counted as success. Static.
 
-    Each is a pure function written for one world, to be traced by JAX. Functions are compared by
-    identity: name them once, at a module's top, and programs compiled with them are found again.
+    Each is a pure function written for one world, to be traced by JAX and batched by ``jax.vmap``:
+    a function, a `functools.partial`, or an object that can be called and hashed. They are compared
+    by ``==``, plain functions by identity: name them once, at a module's top, and programs compiled
+    with them are found again.
+
+    Raises:
+        SettingsError: one of them cannot be called, or cannot be hashed.
     """
 
     start: Callable[[TrapSettings, Array, str], World] = trap.sample
     """(scenario, random key, split) to the world at the start; the number of vehicles and lanes
-    must be the same for every key. Vehicle 0 is the ego, 1 and 2 are the trap cars."""
+    must be the same for every key. Vehicle 0 is the ego; trap cars are those that keep their
+    commands (``CONSTANT``), the others are traffic."""
     observe: Callable[[ObservationSettings, World], Array] = observation.features
     """(settings, world) to what the controller sees, float32 [n]."""
     reward: Callable[[RewardSettings, World, Array, Array], Array] = reward.of_decision
@@ -37,16 +48,40 @@ class Parts:
     """World after a decision to whether the episode has succeeded by now, bool []; once true it
     stays so, and an accident takes it away."""
 
+    def __post_init__(self) -> None:
+        for part in fields(self):
+            function = getattr(self, part.name)
+            if not callable(function):
+                raise SettingsError(f"{part.name}: expected a function, got {show(function)}")
+            try:
+                hash(function)
+            except TypeError:
+                raise SettingsError(
+                    f"{self.called(part.name)} cannot be hashed; give its class __hash__, or make "
+                    "it @dataclass(frozen=True) with fields that can"
+                ) from None
+
     def names(self) -> tuple[str, ...]:
-        """Which are a user's own, and what they are called there: ``reward: mine.hurry``."""
+        """Which are a user's own, and what they are called there: ``reward: mine.hurry``.
+
+        Plain arguments of a `functools.partial`, and fields of a dataclass, are part of the name:
+        ``reward: mine.hurry(weight=0.5)``.
+        """
         return tuple(
-            f"{part.name}: {own.__module__}.{own.__qualname__}"
+            f"{part.name}: {_module(own)}.{_name(own)}"
             for part in fields(self)
             if (own := getattr(self, part.name)) is not part.default
         )
 
-    def try_out(self, scenario: TrapSettings, driving: DrivingSettings) -> int:
+    def try_out(
+        self, scenario: TrapSettings, driving: DrivingSettings, split: str = "training"
+    ) -> int:
         """Try the user's own functions, each traced alone: a mistake shows at once, under its name.
+
+        Args:
+            scenario: where episodes start.
+            driving: the decision process.
+            split: from which starts.
 
         Returns:
             Length of what the controller sees.
@@ -57,44 +92,129 @@ class Parts:
         if not self.names():
             return observation.SIZE
         world = self._tried(
-            "start", lambda key: self.start(scenario, key, "training"), jax.random.key(0)
+            "start", lambda key: self.start(scenario, key, split), jax.random.key(0)
         )
-        if not isinstance(world, World):
-            raise SettingsError(f"{self._called('start')} must return a World, not {_kind(world)}")
+        self._check_world(world)
         seen = self._tried("observe", partial(self.observe, driving.observation), world)
         if not (_is_array(seen) and seen.ndim == 1 and seen.dtype == jnp.float32):
-            raise SettingsError(
-                f"{self._called('observe')} must return a float32 vector, not {_kind(seen)}"
-            )
+            raise self._wrong("observe", "a float32 vector", _kind(seen))
+        if not 1 <= seen.size <= LONGEST:
+            raise self._wrong("observe", f"from 1 to {LONGEST:,} numbers", f"{seen.size:,}")
         yes = jax.ShapeDtypeStruct((), jnp.bool_)  # type: ignore[no-untyped-call]
         angle = jax.ShapeDtypeStruct((), world.vehicles.x.dtype)  # type: ignore[no-untyped-call]
         paid = self._tried("reward", partial(self.reward, driving.reward), world, angle, yes)
-        if not (_is_array(paid) and paid.ndim == 0 and jnp.issubdtype(paid.dtype, jnp.number)):
-            raise SettingsError(
-                f"{self._called('reward')} must return one number, not {_kind(paid)}"
-            )
+        if not (_is_array(paid) and paid.ndim == 0 and _is_real(paid.dtype)):
+            raise self._wrong("reward", "one real number", _kind(paid))
         escaped = self._tried("success", self.success, world)
         if not (_is_array(escaped) and escaped.ndim == 0 and escaped.dtype == jnp.bool_):
+            raise self._wrong("success", "one bool", _kind(escaped))
+        self._check_trap(scenario, split)
+        return int(seen.size)
+
+    def _check_world(self, world: Any) -> None:
+        """Refuses a start that is not as many numbers of their types as there are vehicles."""
+        if not isinstance(world, World):
+            raise self._wrong("start", "a World", _kind(world))
+        sample = partial(trap.sample, TrapSettings(), split="test")
+        model: Any = jax.eval_shape(sample, jax.random.key(0))
+        if str(jax.tree.structure(world)) != str(jax.tree.structure(model)):
+            raise self._wrong("start", "a World of arrays", "of anything else")
+        sizes = {"road": world.road.centre.size, "vehicles": world.vehicles.x.size}
+        for part in fields(World):
+            found, wanted = getattr(world, part.name), getattr(model, part.name)
+            shape = (sizes["road" if part.name == "road" else "vehicles"],)
+            for each in fields(found):
+                array, dtype = getattr(found, each.name), getattr(wanted, each.name).dtype
+                if array.shape != shape or array.dtype != dtype:
+                    what = f"{part.name}.{each.name} as {dtype} of shape {shape}"
+                    raise self._wrong("start", what, _kind(array))
+
+    def _check_trap(self, scenario: TrapSettings, split: str) -> None:
+        """Refuses the paper's success where there is nothing to get past."""
+        if self.start is OURS.start or self.success is not OURS.success:
+            return
+        if not _trap_cars(self.start, scenario, split, jax.random.key(0)).any():
             raise SettingsError(
-                f"{self._called('success')} must return one bool, not {_kind(escaped)}"
+                f"{self.called('start')} places no trap car (a CONSTANT driver), and the paper's "
+                "success is to get past them; give success= too"
             )
-        return int(seen.shape[0])
 
-    def _tried(self, part: str, call: Callable[..., Any], *traced: Any) -> Any:
-        """What a function returns, as shapes."""
-        try:
-            return jax.eval_shape(call, *traced)
-        except LanewiseError:
-            raise
-        except Exception as error:
-            reason = str(error).strip().partition("\n")[0][:200]
-            if isinstance(error, jax.errors.ConcretizationTypeError):
-                reason = "it asks for a value while JAX traces it; use jnp.where instead of if"
-            raise SettingsError(f"{self._called(part)} fails: {reason}") from error
+    def _tried(self, part: str, call: Callable[..., Any], *given: Any) -> Any:
+        """What a function returns for one world, as shapes; traced for two, as it will be."""
 
-    def _called(self, part: str) -> str:
-        function = getattr(self, part)
-        return f"{part}: {getattr(function, '__qualname__', repr(function))}"
+        def two(leaf: Any) -> Any:
+            return jax.ShapeDtypeStruct((2, *leaf.shape), leaf.dtype)  # type: ignore[no-untyped-call]
+
+        def one(leaf: Any) -> Any:
+            return jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype)  # type: ignore[no-untyped-call]
+
+        with named(self.called(part)):
+            found = jax.eval_shape(jax.vmap(call), *jax.tree.map(two, given))
+        return jax.tree.map(one, found)
+
+    def _wrong(self, part: str, wanted: str, found: str) -> SettingsError:
+        return SettingsError(f"{self.called(part)} must return {wanted}, not {found}")
+
+    def called(self, part: str) -> str:
+        """A part and the function in its place, for messages."""
+        return f"{part}: {_name(getattr(self, part))}"
+
+
+@contextmanager
+def named(functions: str) -> Iterator[None]:
+    """Failures of a user's functions as an error that names them.
+
+    Raises:
+        SettingsError: one of them failed.
+    """
+    try:
+        yield
+    except LanewiseError:
+        raise
+    except Exception as error:
+        reason = str(error).strip().partition("\n")[0][:200]
+        if isinstance(error, jax.errors.ConcretizationTypeError):
+            reason = "it asks for a value while JAX traces it; use jnp.where instead of if"
+        raise SettingsError(f"{functions} fails: {reason}") from error
+
+
+def _name(function: Any) -> str:
+    """What a function is called in its module, with the arguments it brings along."""
+    if isinstance(function, partial):
+        given = [*map(_plain, function.args)]
+        given += [f"{name}={_plain(value)}" for name, value in sorted(function.keywords.items())]
+        return f"{_name(function.func)}({', '.join(given)})"
+    if hasattr(function, "__qualname__"):
+        return str(function.__qualname__)
+    own = type(function).__qualname__
+    if not is_dataclass(function):
+        return own
+    values = (f"{each.name}={_plain(getattr(function, each.name))}" for each in fields(function))
+    return f"{own}({', '.join(values)})"
+
+
+def _module(function: Any) -> str:
+    """Where a function is from."""
+    while isinstance(function, partial):
+        function = function.func
+    return str(getattr(function, "__module__", None) or type(function).__module__)
+
+
+def _plain(value: Any) -> str:
+    """A number, a truth or a text as it is written; of anything else its type."""
+    if type(value) in (int, float, bool, str, type(None)):
+        return brief(repr(value))
+    return type(value).__name__
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _trap_cars(start: Any, scenario: TrapSettings, split: str, key: Array) -> Array:
+    """Which vehicles of a start are trap cars, bool [N]."""
+    return trap.trap_cars(start(scenario, key, split))
+
+
+def _is_real(dtype: Any) -> bool:
+    return bool(jnp.issubdtype(dtype, jnp.integer) or jnp.issubdtype(dtype, jnp.floating))
 
 
 def _is_array(value: Any) -> bool:

@@ -15,11 +15,12 @@ from jax import Array
 
 from lanewise import forked
 from lanewise.driving import episode, restart
+from lanewise.driving.actions import are_numbers
 from lanewise.driving.episode import Episode
 from lanewise.driving.parts import OURS, Parts, checked
 from lanewise.envs import keywords
 from lanewise.envs.control import Continuous, Control, Driven, Goals, LowLevel, Rules
-from lanewise.errors import SettingsError
+from lanewise.errors import ActionError, SettingsError
 from lanewise.names import look_up
 from lanewise.scenario.settings import TrapSettings
 from lanewise.scenario.trap import SPLITS
@@ -108,7 +109,7 @@ def make(
     if checked(parts).names():
         forked.refuse()
     # Refuses what does not work.
-    parts.try_out(composed.scenario, composed.driving)
+    parts.try_out(composed.scenario, composed.driving, split)
     frequency = composed.driving.decision_frequency
     if isinstance(duration, bool) or not isinstance(duration, int | float | np.number):
         raise SettingsError(f"duration: expected a number of seconds, got {str(duration)[:80]}")
@@ -153,8 +154,21 @@ def step(task: Trap, state: State, action: Array) -> tuple[State, Step]:
 
     Returns:
         The state after it, and what the step led to.
+
+    Raises:
+        ActionError: the action has another type or shape. Its value is not looked at.
     """
+    _check_kind(task.control, jnp.asarray(action))
     return led_to(task, state, *task.control.drive(task.rules, state.episode, state.memory, action))
+
+
+def _check_kind(control: Control, action: Array) -> None:
+    """Refuses an action of another type or shape; traced, it has no value yet."""
+    continuous = isinstance(control, Continuous)
+    shape = (2,) if continuous else ()
+    wanted = "two numbers, acceleration and steering" if continuous else "one whole number"
+    if action.shape != shape or not are_numbers(action.dtype, count=not continuous):
+        raise ActionError(f"an action must be {wanted}, got {action.dtype} of shape {action.shape}")
 
 
 def led_to(

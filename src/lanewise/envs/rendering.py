@@ -26,7 +26,6 @@ def picture(task: Trap, state: State, *, success: bool, accident: int) -> NDArra
     goal = getattr(fetched.memory, "goal", None)
     return drawn(
         fetched.episode.world,
-        roles=roles(task, fetched.episode.world),
         time=int(fetched.episode.decisions) * task.rules.driving.decision_duration,
         goal=(-1, np.nan) if goal is None else (int(goal.goal.lane), float(goal.goal.speed)),
         reward=float(fetched.reward),
@@ -36,17 +35,9 @@ def picture(task: Trap, state: State, *, success: bool, accident: int) -> NDArra
     )
 
 
-def roles(task: Trap, world: World) -> list[int]:
-    """Role of each vehicle; in a start of the user's own, all behind the trap cars are traffic."""
-    count = world.vehicles.x.shape[0]
-    known = trap.roles(task.scenario)
-    return known if len(known) == count else [0, 1, 1][:count] + [2] * (count - 3)
-
-
 def drawn(
     world: World,
     *,
-    roles: list[int],
     time: float,
     goal: tuple[int, float],
     reward: float,
@@ -70,7 +61,7 @@ def drawn(
         speed=one(vehicles.speed),
         crashed=one(vehicles.crashed, np.bool_),
         present=np.asarray(vehicles.present),
-        role=np.asarray(roles, np.int8),
+        role=trap.roles(world),
         length=np.asarray(world.drivers.length, np.float64),
         width=np.asarray(world.drivers.width, np.float64),
         lane_centre=np.asarray(road.centre, np.float64)[lanes],

@@ -13,12 +13,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
-from gymnasium.spaces import Box
 from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
 from lanewise import forked
+from lanewise.driving import actions
 from lanewise.envs import functional, rows, spaces
 from lanewise.envs.functional import State, Trap
 from lanewise.envs.starts import Starts
@@ -93,7 +93,7 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
 
         Raises:
             ResetNeeded: there is no episode under way.
-            ValueError: there is no such action.
+            ActionError: there is no such action; it is a ValueError too.
             ClosedEnvironmentError: after `close`.
         """
         refuse_unusable(self.closed)
@@ -198,13 +198,10 @@ def checked(space: gymnasium.Space[Any], action: Any) -> NDArray[Any]:
     """An action as compiled functions take it.
 
     Raises:
-        ValueError: it is not in the space. JAX would take the nearest without a word.
+        ActionError: it is not in the space.
     """
-    continuous = isinstance(space, Box)
-    given = np.asarray(action, np.float32 if continuous else None)
-    if given.shape != space.shape or not space.contains(given if continuous else given[()]):
-        raise ValueError(f"action must be in {space}, got {action!r}")
-    return given if continuous else given.astype(np.int32)
+    wanted = f"action must be in {space}"
+    return actions.checked(action, spaces.count(space), space.shape or (), wanted)
 
 
 @partial(jax.jit, static_argnums=0)

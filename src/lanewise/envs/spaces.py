@@ -22,6 +22,11 @@ def of_actions(task: Trap) -> Discrete | Box:
     return Box(-1.0, 1.0, (2,), np.float32)
 
 
+def count(space: Space[Any]) -> int:
+    """Number of actions in a space of `of_actions`; 0 for continuous ones."""
+    return int(space.n) if isinstance(space, Discrete) else 0
+
+
 def of_observations(task: Trap) -> Space[NDArray[np.float32]]:
     """What `functional.step` shows; without limits where a user's own function observes."""
     limit = np.inf

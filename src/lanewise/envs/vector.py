@@ -12,13 +12,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from gymnasium.error import ResetNeeded
-from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from jax import Array
 from numpy.typing import NDArray
 
 from lanewise.driving import restart
+from lanewise.driving.actions import checked
 from lanewise.envs import functional, rows, single, spaces
 from lanewise.envs.functional import State, Trap
 from lanewise.envs.keywords import plain
@@ -136,7 +136,7 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
 
         Raises:
             ResetNeeded: there was no reset, or, without autoreset, an episode is over.
-            ValueError: an action does not exist.
+            ActionError: an action does not exist; it is a ValueError too.
             ClosedEnvironmentError: after `close`.
         """
         single.refuse_unusable(self.closed)
@@ -207,18 +207,10 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
         return mask
 
     def _checked(self, actions: Any) -> NDArray[Any]:
-        space = self.action_space
-        continuous = isinstance(space, Box)
-        given = np.asarray(actions, np.float32 if continuous else None)
-        single_space = self.single_action_space
-        if continuous:
-            fits = given.shape == space.shape and bool((np.abs(given) <= 1.0).all())
-        else:
-            fits = given.shape == (self.num_envs,) and np.issubdtype(given.dtype, np.integer)
-            fits = fits and given.min() >= 0 and given.max() < single_space.n  # type: ignore[attr-defined]
-        if not fits:
-            raise ValueError(f"actions must be {self.num_envs} of {single_space}, got {actions!r}")
-        return given if continuous else given.astype(np.int32)
+        each = self.single_action_space
+        shape = (self.num_envs, *(each.shape or ()))
+        wanted = f"actions must be {self.num_envs} of {each}"
+        return checked(actions, spaces.count(each), shape, wanted)
 
 
 class TrapGoalVectorEnv(TrapVectorEnv):

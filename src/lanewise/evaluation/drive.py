@@ -320,7 +320,7 @@ def recording(
         speed=track("speed"),
         crashed=track("crashed", np.bool_),
         present=np.asarray(world.vehicles.present),
-        role=np.asarray(trap.roles(course.scenario), np.int8),
+        role=trap.roles(world),
         length=np.asarray(world.drivers.length, np.float64),
         width=np.asarray(world.drivers.width, np.float64),
         lane_centre=np.asarray(world.road.centre, np.float64)[world.road.present],

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from lanewise.driving import actions, episode
 from lanewise.driving.episode import Episode, Outcome
-from lanewise.errors import LanewiseError
 from lanewise.evaluation import drive
 from lanewise.evaluation.drive import BLOCK, Sums, TestCourse
 from lanewise.evaluation.episodes import Episodes, Recording
@@ -44,11 +43,6 @@ class OutsideCourse:
         (level,) = self.test.controller.levels
         return level.choice_count
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Of one choice."""
-        return () if self.choices else (2,)
-
 
 def test(
     course: OutsideCourse,
@@ -61,7 +55,7 @@ def test(
 
     Args:
         course: scenario, rules, duration, split and kind of action.
-        decide: the policy; asked for all episodes of a block at once, also for those that are over.
+        decide: the policy; asked for all episodes of a block at once.
         seed: of the starts.
         count: number of episodes.
         done: told after each block how many are done.
@@ -74,7 +68,8 @@ def test(
     """
     blocks = []
     for first in range(0, count, BLOCK):
-        *_, ((_, _, sums), _) = _block(course, decide, seed, first)
+        asked_for = first + np.arange(BLOCK) < count
+        *_, ((_, _, sums), _) = _block(course, decide, seed, first, asked_for)
         blocks.append(jax.device_get(sums))
         done(min(count, first + BLOCK))
     whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *blocks)
@@ -87,50 +82,35 @@ def record(course: OutsideCourse, decide: Decide, seed: int, index: int) -> Reco
     # With its whole block, so that it is the episode that `test` drives.
     frames = [
         jax.tree.map(lambda leaf: np.asarray(leaf[place]), (state.world.vehicles, *rest, reward))
-        for (state, *rest), reward in _block(course, decide, seed, index - place)
+        for (state, *rest), reward in _block(
+            course, decide, seed, index - place, np.arange(BLOCK) == place
+        )
     ]
     stacked = jax.tree.map(lambda *leaf: np.stack(leaf), *frames)
     world = jax.device_get(drive.start(course.test, seed, index))
     return drive.recording(course.test, world, *stacked)
 
 
-def checked(course: OutsideCourse, choices: Any, count: int) -> NDArray[Any]:
-    """Choices as compiled functions take them.
-
-    Raises:
-        LanewiseError: there are not as many, or one does not exist.
-    """
-    given = np.asarray(choices)
-    expected = (count, *course.shape)
-    if given.shape != expected:
-        raise LanewiseError(
-            f"for observations of {count} episodes the policy returned actions of shape "
-            f"{given.shape}; it must be {expected}"
-        )
-    if course.choices:
-        known = np.issubdtype(given.dtype, np.integer)
-        if not known or given.min() < 0 or given.max() >= course.choices:
-            raise LanewiseError(
-                f"the policy returned {given.ravel()[:3].tolist()}...; actions are whole numbers "
-                f"from 0 to {course.choices - 1}"
-            )
-        return given.astype(np.int32)
-    if not np.isfinite(given).all():
-        raise LanewiseError("the policy returned an acceleration or steering that is not finite")
-    return given.astype(np.float32)
-
-
 def _block(
-    course: OutsideCourse, decide: Decide, seed: int, first: int
+    course: OutsideCourse,
+    decide: Decide,
+    seed: int,
+    first: int,
+    asked_for: NDArray[np.bool_],
 ) -> Iterator[tuple[Under, Array]]:
-    """The episodes of a block, decision by decision, and what the decision paid."""
+    """The episodes of a block, decision by decision, until those asked for are over.
+
+    Yields:
+        They, and what the decision paid.
+    """
     under, seen = _begin(course, drive.start_block(course.test, seed, first))
+    going = asked_for
     for number in range(course.test.duration):
-        # A copy, as the fetched array cannot be written to, of which PyTorch warns.
-        choices = checked(course, decide(np.array(seen), number == 0), BLOCK)
+        choices = decide(np.asarray(seen), going, number == 0)
         under, seen, reward = _advance(course, under, choices)
         yield under, reward
-        if np.asarray(under[2].over).all():
+        going = asked_for & ~np.asarray(under[2].over)
+        if not going.any():
             return
 
 

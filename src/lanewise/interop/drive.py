@@ -58,10 +58,20 @@ def test(
 
 def record(course: TestCourse, parameters: Parameters, seed: int, index: int) -> Recording:
     """Drive episode ``index`` of ``seed`` in highway-env and keep every frame."""
-    world = jax.device_get(drive.start(course, seed, index))
     frames = _drive(course, parameters, seed, index)
     stacked = jax.tree.map(lambda *leaf: np.stack(leaf), *frames)
-    return drive.recording(course, world, *stacked)
+    return drive.recording(course, start(course, seed, index), *stacked)
+
+
+def start(course: TestCourse, seed: int, index: int) -> World:
+    """The world at the start of episode ``index`` as highway-env holds it: nobody is absent."""
+    world: World = jax.device_get(drive.start(course, seed, index))
+    there = world.vehicles.present
+
+    def of(part: Any) -> Any:
+        return jax.tree.map(lambda leaf: leaf[there], part)
+
+    return replace(world, drivers=of(world.drivers), vehicles=of(world.vehicles))
 
 
 def _drive(course: TestCourse, parameters: Parameters, seed: int, index: int) -> list[Any]:

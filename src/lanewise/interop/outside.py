@@ -42,9 +42,7 @@ def record(course: OutsideCourse, decide: Decide, seed: int, index: int) -> Reco
     """Drive episode ``index`` of ``seed`` and keep every frame."""
     frames = _drive(course, decide, seed, index)
     stacked = jax.tree.map(lambda *leaf: np.stack(leaf), *frames)
-    return drive.recording(
-        course.test, jax.device_get(drive.start(course.test, seed, index)), *stacked
-    )
+    return drive.recording(course.test, twin.start(course.test, seed, index), *stacked)
 
 
 def _drive(course: OutsideCourse, decide: Decide, seed: int, index: int) -> list[Any]:
@@ -61,7 +59,7 @@ def _drive(course: OutsideCourse, decide: Decide, seed: int, index: int) -> list
     frames: list[Any] = []
     while not under[2].over:
         twin.check(theirs, ours)
-        choice = outside.checked(course, decide(np.array(seen)[None], not frames), 1)[0]
+        choice = decide(np.asarray(seen)[None], np.ones(1, np.bool_), not frames)[0]
         action, memory = _act(course, under, choice)
         theirs = env.step(int(action))[0]
         under, seen, reward, ours = _judge(course, under, twin.read(env), memory, action)

@@ -1,9 +1,11 @@
 """The paper's film strip: controllers side by side from above, at the same moments."""
 
 from collections.abc import Mapping, Sequence
+from itertools import count
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import ACCIDENTS, Recording
@@ -77,7 +79,8 @@ def draw(columns: Mapping[str, Recording], *, times: Sequence[float] = TIMES) ->
             _scale(axes, last=row == len(times) - 1)
     with_goals = any((recording.goal_lane >= 0).any() for recording in columns.values())
     shown = sorted({role for recording in columns.values() for role in _seen(recording, times)})
-    handles = [*road.key(shown), *([road.goal_key()] if with_goals else [])]
+    traps = max(int(_traps(recording).sum()) for recording in columns.values())
+    handles = [*road.key(shown, traps), *([road.goal_key()] if with_goals else [])]
     figure.legend(handles=handles, loc="upper center", ncols=len(handles), frameon=False)
     return figure
 
@@ -101,7 +104,7 @@ def _frame(axes: Axes, recording: Recording, now: Moment) -> None:
     lane = int(recording.goal_lane[now.index])
     if lane >= 0:
         road.goal_lane(axes, float(recording.lane_centre[lane]), float(recording.lane_width[lane]))
-    traps = iter("123456789")
+    traps = count(1)
     for number in np.flatnonzero(recording.present):
         place = Place(
             float(now.x[number]),
@@ -111,7 +114,7 @@ def _frame(axes: Axes, recording: Recording, now: Moment) -> None:
             float(recording.width[number]),
         )
         role = int(recording.role[number])
-        letter = "E" if role == 0 else next(traps) if role == 1 else ""
+        letter = "E" if role == 0 else str(next(traps)) if role == 1 else ""
         if seen[0] - place.length < place.x < seen[1] + place.length:
             inside = seen[0] + 1.5 < place.x < seen[1] - 1.5
             road.vehicle(axes, place, role, letter if inside else "")
@@ -157,10 +160,18 @@ def _fate(recording: Recording, now: Moment, over: bool) -> str:
         return f"ended {end}"
     if not recording.escaped[now.index]:
         return ""
-    traps = (recording.role == 1) & recording.present
+    traps = _traps(recording)
+    if not traps.any():
+        return "succeeded"
     fronts = now.x[traps] + recording.length[traps] / 2.0
     gap = now.x[0] - recording.length[0] / 2.0 - fronts.max()
     return f"{gap:.0f} m past the trap" if gap > 0.0 else "passed again"
+
+
+def _traps(recording: Recording) -> NDArray[np.bool_]:
+    """Which vehicles are trap cars, [N]."""
+    traps: NDArray[np.bool_] = (recording.role == 1) & recording.present
+    return traps
 
 
 def _scale(axes: Axes, *, last: bool) -> None:

@@ -31,7 +31,7 @@ BODIES = ("#B3202A", "#F2C230", "#5B9BD5")
 """Colours by role: ego, trap, traffic."""
 INKS = ("white", "black", "black")
 NAMES = ("ego (E)", "trap cars (1, 2)", "traffic")
-"""In a legend, by role."""
+"""In a legend, by role, of the paper's two trap cars."""
 
 
 class Place(NamedTuple):
@@ -155,10 +155,17 @@ def letter_size(axes: Axes, height: float) -> float:
     return min(72.0 * inches * height / abs(high - low) * 0.66 / 0.73, 15.0)
 
 
-def key(roles: Sequence[int]) -> list[Patch]:
-    """Legend entries of roles."""
+def key(roles: Sequence[int], traps: int = 2) -> list[Patch]:
+    """Legend entries of roles.
+
+    Args:
+        roles: which.
+        traps: number of trap cars.
+    """
+    several = {1: "trap car (1)", 2: NAMES[1]}.get(traps, f"trap cars (1 to {traps})")
+    names = (NAMES[0], several, NAMES[2])
     return [
-        Patch(facecolor=BODIES[role], edgecolor="black", linewidth=0.7, label=NAMES[role])
+        Patch(facecolor=BODIES[role], edgecolor="black", linewidth=0.7, label=names[role])
         for role in roles
     ]
 

@@ -62,7 +62,7 @@ def see(path: Path | str, parts: Parts = OURS) -> Moment:
         NumbersError: this time all numbers are finite.
     """
     folder = RunFolder.open(Path(path))
-    trained.check_parts(folder, parts)
+    folder.check_parts(parts.names())
     place = folder.path / FOLDER
     if not (place / f"{BEFORE}.json").exists():
         raise RunError(f"{folder.path} holds no training whose numbers went wrong")

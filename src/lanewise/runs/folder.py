@@ -85,6 +85,7 @@ class RunFolder:
         controller: str,
         seed: int,
         parts: tuple[str, ...] = (),
+        observed: int = crosschecks.FEATURES,
     ) -> "RunFolder":
         """Makes a run in a new or empty folder and locks it.
 
@@ -94,13 +95,14 @@ class RunFolder:
             controller: what is trained.
             seed: of everything random.
             parts: names of the user's own functions.
+            observed: how many numbers a controller observes.
 
         Raises:
             RunError: The folder holds something already, or another process is making a run in it,
                 or the seed is none.
             SettingsError: The machine has not the memory for what they ask.
         """
-        crosschecks.check_memory(settings, controller, cores.memory())
+        crosschecks.check_memory(settings, controller, cores.memory(), observed)
         name = _name_of(path)
         require_empty(name)
         if type(seed) is not int or not 0 <= seed <= LARGEST_SEED:
@@ -185,6 +187,23 @@ class RunFolder:
     def timings(self) -> Path:
         """The file of wall-clock times."""
         return self.path / "timings.jsonl"
+
+    def check_parts(self, parts: tuple[str, ...]) -> None:
+        """Refuses to go on with other functions than the run was made with, as names can tell.
+
+        Raises:
+            RunError: Says which it was made with.
+        """
+        if self.parts == parts:
+            return
+        made = "; ".join(self.parts) or "no parts of the user's own"
+        remedy = (
+            "give the same functions: lanewise.evaluate(run, parts=...), "
+            "lanewise.train(..., parts=...)"
+        )
+        if not self.parts:
+            remedy = f"leave out {'; '.join(parts)}"
+        raise RunError(f"{self.path} was made with {made}\n  {remedy}")
 
     def close(self) -> None:
         """Gives the lock back."""

@@ -12,16 +12,22 @@ STEP_1 = "step-1"
 """Name of `training.recipe.STEP_1`, known without importing it."""
 
 
-def check_lender(source: Path, settings: Settings) -> RunFolder:
+def check_lender(source: Path, settings: Settings, parts: tuple[str, ...] = ()) -> RunFolder:
     """The run at ``source``, once it is sure that its high level fits these settings.
+
+    Args:
+        source: of the run.
+        settings: of the borrower.
+        parts: names of the user's own functions it is trained with.
 
     Raises:
         RunError: it has no finished step 1, or the two high levels differ in shape or in what
-            they see.
+            they see, or it was trained with other parts.
     """
     lender = RunFolder.open(source)
     if not os.path.lexists(lender.stages / f"{STEP_1}.json"):
         raise RunError(f"{source} has no finished {STEP_1}: it cannot lend its high level")
+    lender.check_parts(parts)
     try:
         crosschecks.check_high_level(lender.settings, settings)
     except SettingsError as error:

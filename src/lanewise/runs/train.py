@@ -106,7 +106,7 @@ def train(
         CheckpointError: a stored file is damaged beyond falling back.
         NumbersError: a number is not finite; `diverged` says what is kept of it.
     """
-    trained.check_parts(folder, parts)
+    folder.check_parts(parts.names())
     if trained.is_finished(folder):
         test = shell_line("lanewise", "evaluate", folder.path)
         raise RunError(f"{folder.path} is finished; {test} tests it")

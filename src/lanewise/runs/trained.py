@@ -92,7 +92,7 @@ def load(path: Path, parts: Parts = OURS) -> Trained:
     if name := shelf.reference(path):
         return Trained(name, Settings(), 0, {})
     folder = RunFolder.open(shelf.locate(path))
-    check_parts(folder, parts)
+    folder.check_parts(parts.names())
     if not is_finished(folder):
         raise RunError(
             f"{path} is not finished; "
@@ -197,8 +197,7 @@ def take_over_high_level(folder: RunFolder, source: Path, parts: Parts = OURS) -
     first = recipe.STEP_1
     if has_stage(folder, first.name):
         raise RunError(f"{folder.path} has its own step 1 already; resume it without --high-level")
-    other = check_lender(source, folder.settings)
-    check_parts(other, parts)
+    other = check_lender(source, folder.settings, parts.names())
     parameters = load_stage(other, first, parts)
     meta = {
         "taken_from_seed": other.seed,
@@ -206,23 +205,6 @@ def take_over_high_level(folder: RunFolder, source: Path, parts: Parts = OURS) -
         "metrics_bytes": 0,
     }
     save_stage(folder, first, parameters, meta)
-
-
-def check_parts(folder: RunFolder, parts: Parts) -> None:
-    """Refuses to go on with other functions than a run was made with, as far as names can tell.
-
-    Raises:
-        RunError: says which it was made with.
-    """
-    if folder.parts != parts.names():
-        made = "; ".join(folder.parts) or "no parts of the user's own"
-        remedy = (
-            "give the same functions: lanewise.evaluate(run, parts=...), "
-            "lanewise.train(..., parts=...)"
-        )
-        if not folder.parts:
-            remedy = f"leave out {'; '.join(parts.names())}"
-        raise RunError(f"{folder.path} was made with {made}\n  {remedy}")
 
 
 def blank_networks(folder: RunFolder, stage: Stage, parts: Parts = OURS) -> Parameters:

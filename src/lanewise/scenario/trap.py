@@ -9,8 +9,10 @@ from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
+from numpy.typing import NDArray
 
 from lanewise.scenario.settings import TrapSettings
 from lanewise.world import build, road
@@ -21,7 +23,7 @@ from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, Road, 
 SPLITS = ("training", "validation", "test")
 """Where a start comes from; each split draws from its own key stream."""
 TRAP_CARS = (1, 2)
-"""Indices of the trap cars."""
+"""Indices of the trap cars in the starts made here; see `trap_cars` for those of any world."""
 
 # A start's key is split in three, for D1 and D2, the traffic's lanes and its gaps. Splitting counts
 # from 0, and so does folding in, so that numbers drawn since then fold in what comes after.
@@ -34,9 +36,19 @@ def vehicle_count(settings: TrapSettings) -> int:
     return 3 + traffic.vehicles_ahead + traffic.vehicles_behind
 
 
-def roles(settings: TrapSettings) -> list[int]:
-    """Role of each vehicle: 0 the ego, 1 a trap car, 2 traffic."""
-    return [0, 1, 1] + [2] * (vehicle_count(settings) - 3)
+def trap_cars(world: World) -> Array:
+    """Which vehicles are trap cars: there, not the ego, and not driven by rules; bool [N]."""
+    kind = world.drivers.kind
+    others = jnp.arange(kind.shape[0]) > 0
+    # highway-env knows no other plain vehicles than the ego and CONSTANT ones.
+    return world.vehicles.present & others & (kind != RULE_BASED)
+
+
+def roles(world: World) -> NDArray[np.int8]:
+    """Role of each vehicle: 0 the ego, 1 a trap car, 2 traffic; int8 [N]."""
+    role = np.where(np.asarray(trap_cars(world)), 1, 2).astype(np.int8)
+    role[0] = 0
+    return role
 
 
 def start_key(seed: int | Array, split: str, index: int | Array) -> Array:
@@ -157,8 +169,8 @@ def place(settings: TrapSettings, start: Start, key: Array, lanes: int) -> World
 def escaped(world: World) -> Array:
     """Whether the ego's rear bumper is past the front bumpers of all trap cars now; bool []."""
     x, half = world.vehicles.x, world.drivers.length / 2.0
-    rear = x[0] - half[0]
-    return jnp.stack([rear > x[car] + half[car] for car in TRAP_CARS]).all()
+    rear, fronts = x[0] - half[0], x + half
+    return jnp.all((rear > fronts) | ~trap_cars(world))
 
 
 def _road(settings: TrapSettings, start: Start, lanes: int) -> Road:
