@@ -110,6 +110,15 @@ def test_a_video_runs_in_real_time(tmp_path):
     assert (frames, seconds) == (5, pytest.approx(2.5))
 
 
+def test_decisions_shorter_than_their_frequency_says_fill_the_duration_in_real_time():
+    env = gymnasium.make("lanewise/Trap-v0", simulation_frequency=15).unwrapped
+    decision = 7 / 15
+    assert env.task.rules.duration == 54
+    assert env.metadata["render_fps"] == pytest.approx(1.0 / decision)
+    many = gymnasium.make_vec("lanewise/Trap-v0", num_envs=1, simulation_frequency=15)
+    assert many.metadata["render_fps"] == env.metadata["render_fps"]
+
+
 def test_a_goal_lasts_until_the_critic_ends_it():
     low, high = gymnasium.make("lanewise/Trap-v0"), gymnasium.make("lanewise/TrapGoal-v0")
     assert high.action_space.n == 9

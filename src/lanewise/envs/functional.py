@@ -94,7 +94,7 @@ def make(
         preset: a training preset, which says over which starts training episodes vary.
         trap: a scenario preset, ``trap-10`` or ``trap-10.9``.
         split: from which starts: ``training``, ``validation`` or ``test``.
-        duration: after which an episode is truncated, s.
+        duration: after which an episode is truncated, simulated s, rounded up to decisions.
         parts: functions of the user's own for start, observation, reward and success.
         settings: any of scenario, driving, goals and planner (docs/settings.md), named in full,
             by the last word, or in a mapping named like the section.
@@ -106,11 +106,11 @@ def make(
     look_up("split", split, dict.fromkeys(SPLITS))
     # Refuses what does not work.
     checked(parts).try_out(composed.scenario, composed.driving)
-    frequency = composed.driving.decision_frequency
     if isinstance(duration, bool) or not isinstance(duration, int | float | np.number):
         raise SettingsError(f"duration: expected a number of seconds, got {str(duration)[:80]}")
-    if not 1 / frequency <= duration <= 1e6:
-        raise SettingsError(f"duration must be between {1 / frequency:g} and 1e6 s, got {duration}")
+    shortest = composed.driving.decision_duration
+    if not shortest <= duration <= 1e6:
+        raise SettingsError(f"duration must be between {shortest:g} and 1e6 s, got {duration}")
     controls: dict[str, Control] = {
         "low-level": LowLevel(),
         "goal": Goals(composed.goals, composed.planner),
@@ -119,7 +119,7 @@ def make(
     return Trap(
         scenario=composed.scenario,
         control=look_up("kind of action", actions, controls),
-        rules=Rules(composed.driving, parts, round(duration * frequency)),
+        rules=Rules(composed.driving, parts, composed.driving.decisions_in(float(duration))),
         split=split,
     )
 

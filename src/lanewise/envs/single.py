@@ -6,6 +6,7 @@ not, whatever happened before.
 
 from collections.abc import Mapping
 from functools import partial
+from math import isclose
 from typing import Any
 
 import gymnasium
@@ -155,8 +156,13 @@ def refuse_other(settings: Mapping[str, Any], render_mode: object) -> None:
 
 
 def metadata(task: Trap) -> dict[str, Any]:
-    """Render modes, and frames a second at which a video runs in real time."""
-    return {"render_modes": list(RENDER_MODES), "render_fps": task.rules.driving.decision_frequency}
+    """Render modes, and frames a second at which a video of every decision runs in real time."""
+    rate = 1.0 / task.rules.driving.decision_duration
+    whole = round(rate)
+    return {
+        "render_modes": list(RENDER_MODES),
+        "render_fps": whole if isclose(rate, whole) else rate,
+    }
 
 
 def info(facts: dict[str, NDArray[Any]], starts: Starts) -> Info:

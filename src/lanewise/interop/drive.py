@@ -92,7 +92,7 @@ def live(driving: DrivingSettings, world: World, duration: int) -> Any:
         decision_frequency=driving.decision_frequency,
         acceleration=driving.actions.acceleration,
         steering=driving.actions.steering,
-        duration=duration / driving.decision_frequency,
+        duration=duration * driving.decision_duration,
     )
 
 

@@ -16,6 +16,7 @@ from highway_env.road.road import RoadNetwork
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
+from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import SettingsError
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, Road, Vehicles, World
 
@@ -294,19 +295,26 @@ def build_env(
         decision_frequency: decisions a second, Hz.
         acceleration: size of the acceleration action, m/s^2.
         steering: size of the steering action, rad.
-        duration: after which an episode is truncated, s.
+        duration: after which an episode is truncated, simulated s, rounded up to decisions.
         render_mode: as of Gymnasium.
 
     Returns:
         The environment, not to be reset: a reset would replace the road and all vehicles.
 
     Raises:
-        SettingsError: the ego is missing or CONSTANT, or lanes are missing in between.
+        SettingsError: the ego is missing or CONSTANT, lanes are missing in between, or decisions
+            are shorter than ticks.
     """
     indices = _present(world.vehicles)
     kinds = np.asarray(world.drivers.kind)
     if not indices or indices[0] != 0 or kinds[0] == CONSTANT:
         raise SettingsError("vehicle 0 must be present and driven from outside or by rules")
+    if not 0 < decision_frequency <= simulation_frequency:
+        raise SettingsError(
+            f"decision_frequency must be more than 0 and at most simulation_frequency "
+            f"({simulation_frequency}), got {decision_frequency}"
+        )
+    driving = DrivingSettings(simulation_frequency, decision_frequency)
     network = _build_network(world.road)
     lanes = len(_present(world.road))
     config = {
@@ -314,7 +322,9 @@ def build_env(
         "vehicles_count": 0,
         "simulation_frequency": simulation_frequency,
         "policy_frequency": decision_frequency,
-        "duration": duration,
+        # On highway-env's clock, which counts 1 / `decision_frequency` for every decision however
+        # long it lasts; half a decision early, as it is a sum of rounded numbers.
+        "duration": (driving.decisions_in(duration) - 0.5) / decision_frequency,
         "action": _discrete_action(acceleration, steering),
         "observation": _kinematics(lanes, float(np.asarray(world.road.width)[0])),
         "offscreen_rendering": True,
