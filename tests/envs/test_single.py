@@ -172,6 +172,7 @@ def test_settings_by_keyword():
         ({"trap_speed": 9.0, "scenario.trap_speed": 9.0}, "given twice"),
         ({"split": "train"}, "did you mean training"),
         ({"duration": 0}, "duration must be"),
+        ({"duration": 4000}, "duration: in 4000 s a vehicle could get"),
         ({"duration": "25"}, "duration: expected a number of seconds, got 25"),
         ({"split": 0}, "split: expected text, one of training, validation, test, got 0"),
         ({"parts": 3}, r"parts: expected lanewise\.Parts\(\.\.\.\), got 3"),

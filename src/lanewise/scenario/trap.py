@@ -16,7 +16,7 @@ from lanewise.scenario.settings import TrapSettings
 from lanewise.world import build, road
 from lanewise.world.select import pick
 from lanewise.world.settings import DriverSettings
-from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, Road, World
+from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, World
 
 SPLITS = ("training", "validation", "test")
 """Where a start comes from; each split draws from its own key stream."""
@@ -145,7 +145,7 @@ def place(settings: TrapSettings, start: Start, key: Array, lanes: int) -> World
         [start.ego_speed, start.trap_speed, start.trap_speed] + [settings.traffic.speed] * traffic,
         jnp.float32,
     )
-    where = _road(settings, start, lanes)
+    where = road.straight_road(start.lanes, settings.lane_width, settings.speed_limit, lanes)
     vehicles = build.make_vehicles(x, pick(where.centre, lane), speed, lane)
     return World(
         road=where,
@@ -159,21 +159,6 @@ def escaped(world: World) -> Array:
     x, half = world.vehicles.x, world.drivers.length / 2.0
     rear = x[0] - half[0]
     return jnp.stack([rear > x[car] + half[car] for car in TRAP_CARS]).all()
-
-
-def _road(settings: TrapSettings, start: Start, lanes: int) -> Road:
-    """The road: from the ego's start on, or from behind the last vehicle behind it.
-
-    Neighbours are looked for only on the road, so one that began at the ego would hide the
-    vehicles behind from one another.
-    """
-    straight = road.straight_road(start.lanes, settings.lane_width, settings.speed_limit, lanes)
-    traffic = settings.traffic
-    if not traffic.vehicles_behind:
-        return straight
-    reach = traffic.gap_behind + start.vehicles_behind * (start.spacing + traffic.spacing_jitter)
-    begin = jnp.where(jnp.asarray(start.vehicles_behind) > 0, -reach, 0.0)
-    return replace(straight, start=jnp.full_like(straight.start, begin))
 
 
 def _present(settings: TrapSettings, start: Start) -> Array:
