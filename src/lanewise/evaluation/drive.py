@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Controller, Parameters
@@ -54,6 +55,8 @@ class TestCourse:
 class Sums:
     """What is gathered along an episode; frozen once it is over."""
 
+    start: Array
+    """[] the ego's place at the start, m."""
     over: Array
     """bool []."""
     accident: Array
@@ -63,7 +66,7 @@ class Sums:
     speed: Array
     """[] sum of the speed after each decision, m/s."""
     distance: Array
-    """[] m."""
+    """[] from the start, m."""
     decisions: Array
     """int32 []."""
     escape: Array
@@ -158,10 +161,22 @@ def _check_numbers(sums: Sums) -> None:
             )
 
 
-def nothing_yet() -> Sums:
-    """Sums at an episode's start."""
+def nothing_yet(x: ArrayLike) -> Sums:
+    """Sums at the start of an episode whose ego stands at ``x``, m."""
     zero, none = jnp.float32(0.0), jnp.int32(0)
-    return Sums(jnp.bool_(False), none, zero, zero, zero, none, none, none, none, jnp.bool_(True))
+    return Sums(
+        start=jnp.asarray(x, jnp.float32),
+        over=jnp.bool_(False),
+        accident=none,
+        reward=zero,
+        speed=zero,
+        distance=zero,
+        decisions=none,
+        escape=none,
+        goals=none,
+        timed_out=none,
+        sound=jnp.bool_(True),
+    )
 
 
 def gather(
@@ -176,11 +191,12 @@ def gather(
     counts = episode.ends_timestep(driving, state, outcome)
     first_escape = state.escaped & (sums.escape == 0)
     after = Sums(
+        start=sums.start,
         over=outcome.terminated | outcome.truncated,
         accident=outcome.accident,
         reward=sums.reward + jnp.where(counts, outcome.reward, 0.0),
         speed=sums.speed + state.world.vehicles.speed[0],
-        distance=state.world.vehicles.x[0],
+        distance=state.world.vehicles.x[0] - sums.start,
         decisions=state.decisions,
         escape=jnp.where(first_escape, state.decisions, sums.escape),
         goals=sums.goals if goal is None else goal.ended,
@@ -235,7 +251,9 @@ def _drive_one(course: TestCourse, parameters: Parameters, world: World) -> Sums
         return state, memory, gather(course.driving, sums, state, outcome, goal, course.parts)
 
     state, memory = begin(course, world)
-    first = replace(nothing_yet(), sound=sound(course.driving, state, course.parts))
+    first = replace(
+        nothing_yet(world.vehicles.x[0]), sound=sound(course.driving, state, course.parts)
+    )
     carry = (state, memory, first)
     sums: Sums = jax.lax.fori_loop(0, course.duration, decide, carry)[2]
     return sums
@@ -273,7 +291,7 @@ def _record(course: TestCourse, parameters: Parameters, world: World) -> Any:
         sums = gather(course.driving, sums, state, outcome, goal, course.parts)
         return (state, memory, sums), (state.world.vehicles, memory, sums, outcome.reward)
 
-    carry = (*begin(course, world), nothing_yet())
+    carry = (*begin(course, world), nothing_yet(world.vehicles.x[0]))
     return jax.lax.scan(decide, carry, length=course.duration)[1]
 
 

@@ -167,7 +167,10 @@ def begin(course: OutsideCourse, world: World) -> tuple[Under, Array]:
     """(the episode that starts in ``world``, what there is to see)."""
     state, memory = drive.begin(course.test, world)
     rules = course.test
-    sums = replace(drive.nothing_yet(), sound=drive.sound(rules.driving, state, rules.parts))
+    sums = replace(
+        drive.nothing_yet(world.vehicles.x[0]),
+        sound=drive.sound(rules.driving, state, rules.parts),
+    )
     return (state, memory, sums), drive.look(rules, state).features
 
 

@@ -70,7 +70,7 @@ def _drive(course: TestCourse, parameters: Parameters, seed: int, index: int) ->
     env = live(course.driving, world, course.duration)
     state = episode.begin(read(env))
     memory = _start(course, state.world)
-    sums = drive.nothing_yet()
+    sums = drive.nothing_yet(state.world.vehicles.x[0])
     theirs = env.observation_type.observe()
     frames = []
     while not sums.over:
