@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from lanewise import pinned
 from lanewise.driving import observation, reward
 from lanewise.driving.settings import DrivingSettings, ObservationSettings, RewardSettings
 from lanewise.errors import LanewiseError, SettingsError
@@ -45,6 +46,7 @@ class Parts:
             if (own := getattr(self, part.name)) is not part.default
         )
 
+    @pinned.switches()
     def try_out(self, scenario: TrapSettings, driving: DrivingSettings) -> int:
         """Try the user's own functions, each traced alone: a mistake shows at once, under its name.
 
@@ -57,7 +59,7 @@ class Parts:
         if not self.names():
             return observation.SIZE
         world = self._tried(
-            "start", lambda key: self.start(scenario, key, "training"), jax.random.key(0)
+            "start", lambda key: self.start(scenario, key, "training"), pinned.key(0)
         )
         if not isinstance(world, World):
             raise SettingsError(f"{self._called('start')} must return a World, not {_kind(world)}")

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from lanewise import pinned
 from lanewise.crosschecks import check_duration
 from lanewise.driving import episode, restart
 from lanewise.driving.episode import Episode
@@ -126,7 +127,7 @@ def make(
     )
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def reset(task: Trap, key: Array) -> tuple[State, Step]:
     """A fresh episode.
 
@@ -137,10 +138,10 @@ def reset(task: Trap, key: Array) -> tuple[State, Step]:
     Returns:
         The state, and what it shows.
     """
-    return start(task, task.rules.parts.start(task.scenario, key, task.split))
+    return start(task, task.rules.parts.start(task.scenario, pinned.own(key), task.split))
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def step(task: Trap, state: State, action: Array) -> tuple[State, Step]:
     """One step; what follows an episode's end is without meaning.
 
@@ -153,7 +154,9 @@ def step(task: Trap, state: State, action: Array) -> tuple[State, Step]:
     Returns:
         The state after it, and what the step led to.
     """
-    return led_to(task, state, *task.control.drive(task.rules, state.episode, state.memory, action))
+    # In 32 bits, also from a caller whose JAX has 64.
+    chosen = action.astype(jnp.float32 if jnp.issubdtype(action.dtype, jnp.floating) else jnp.int32)
+    return led_to(task, state, *task.control.drive(task.rules, state.episode, state.memory, chosen))
 
 
 def led_to(

@@ -5,12 +5,10 @@ not, whatever happened before.
 """
 
 from collections.abc import Mapping
-from functools import partial
 from math import isclose
 from typing import Any
 
 import gymnasium
-import jax
 import jax.numpy as jnp
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -19,6 +17,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
+from lanewise import pinned
 from lanewise.envs import functional, rows, spaces
 from lanewise.envs.functional import State, Trap
 from lanewise.envs.starts import Starts
@@ -185,14 +184,14 @@ def checked(space: gymnasium.Space[Any], action: Any) -> NDArray[Any]:
     return given if continuous else given.astype(np.int32)
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _reset(task: Trap, seed: Array, index: Array) -> tuple[State, Array]:
     """(state, row)."""
     state, shown = functional.reset(task, trap.start_key(seed, task.split, index))
     return state, rows.pack(shown)
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=1)
+@pinned.jit(static_argnums=0, donate_argnums=1)
 def _step(task: Trap, state: State, action: ArrayLike) -> tuple[State, Array]:
     """(state, row)."""
     state, shown = functional.step(task, state, action)

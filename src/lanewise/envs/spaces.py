@@ -7,6 +7,7 @@ import numpy as np
 from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 
+from lanewise import pinned
 from lanewise.controllers import goals
 from lanewise.driving import actions, observation
 from lanewise.driving.parts import OURS
@@ -24,12 +25,13 @@ def of_actions(task: Trap) -> Discrete | Box:
     return Box(-1.0, 1.0, (2,), np.float32)
 
 
+@pinned.switches()
 def of_observations(task: Trap) -> Space[NDArray[np.float32]]:
     """What `functional.step` shows; without limits where a user's own function observes."""
     limit = np.inf
     if task.rules.parts.observe is OURS.observe:
         fine = task.rules.driving.observation.scaling == "fine"
         limit = observation.FINE_LIMIT if fine else 1.0
-    _, shown = jax.eval_shape(lambda key: functional.reset(task, key), jax.random.key(0))
+    _, shown = jax.eval_shape(lambda key: functional.reset(task, key), pinned.key(0))
     box: Any = Box(-limit, limit, shown.observation.shape, np.float32)
     return box  # type: ignore[no-any-return]

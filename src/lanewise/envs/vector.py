@@ -17,6 +17,7 @@ from gymnasium.vector.utils import batch_space
 from jax import Array
 from numpy.typing import NDArray
 
+from lanewise import pinned
 from lanewise.driving import restart
 from lanewise.envs import functional, rows, single, spaces
 from lanewise.envs.functional import State, Trap
@@ -264,12 +265,12 @@ def _stepped(task: Trap, states: State, actions: Array) -> tuple[State, Array]:
     return found
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _reset(task: Trap, seeds: Array, indices: Array) -> tuple[State, Array]:
     return _fresh(task, seeds, indices)
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=1)
+@pinned.jit(static_argnums=0, donate_argnums=1)
 def _reset_some(
     task: Trap, states: State, seeds: Array, indices: Array, which: Array
 ) -> tuple[State, Array]:
@@ -281,7 +282,7 @@ Stepped = tuple[State, Array, Array]
 """(states, rows to be shown, rows of the step itself)."""
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=1)
+@pinned.jit(static_argnums=0, donate_argnums=1)
 def _step(
     task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
 ) -> Stepped:
@@ -290,7 +291,7 @@ def _step(
     return states, found, found
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=1)
+@pinned.jit(static_argnums=0, donate_argnums=1)
 def _step_or_restart(
     task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
 ) -> Stepped:
@@ -300,7 +301,7 @@ def _step_or_restart(
     return states, shown, found
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=1)
+@pinned.jit(static_argnums=0, donate_argnums=1)
 def _step_and_restart(
     task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
 ) -> Stepped:

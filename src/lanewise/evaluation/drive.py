@@ -14,6 +14,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
+from lanewise import pinned
 from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Controller, Parameters
 from lanewise.controllers.goal_critic import GoalMemory
@@ -222,7 +223,7 @@ def start_block(course: TestCourse, seed: int, first: int) -> World:
     return worlds
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2))
+@pinned.jit(static_argnums=(0, 1, 2))
 def _start_block(sample: Any, scenario: TrapSettings, split: str, seed: int, first: int) -> World:
     def start(index: Array) -> World:
         world: World = sample(scenario, trap.start_key(seed, split, index), split)
@@ -231,7 +232,7 @@ def _start_block(sample: Any, scenario: TrapSettings, split: str, seed: int, fir
     return jax.vmap(start)(first + jnp.arange(BLOCK))
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def drive_block(course: TestCourse, parameters: Parameters, worlds: World) -> Sums:
     """The episodes that begin in a block of `BLOCK` starts, wherever those come from."""
     drive_one = partial(_drive_one, course, parameters)
@@ -280,7 +281,7 @@ def decision(
     return state, memory, outcome, trace
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _record(course: TestCourse, parameters: Parameters, world: World) -> Any:
     """An episode's worlds, memories, sums and rewards after each decision."""
 

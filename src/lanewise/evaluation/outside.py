@@ -5,7 +5,6 @@ The policy takes the place of a network: it chooses, and our controllers do the 
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -14,6 +13,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from lanewise import pinned
 from lanewise.driving import actions, episode
 from lanewise.driving.episode import Episode, Outcome
 from lanewise.errors import LanewiseError
@@ -134,7 +134,7 @@ def _block(
             return
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _begin(course: OutsideCourse, worlds: World) -> tuple[Under, Array]:
     """([B] episodes, [B, n] what there is to see)."""
 
@@ -145,7 +145,7 @@ def _begin(course: OutsideCourse, worlds: World) -> tuple[Under, Array]:
     return found
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _advance(course: OutsideCourse, under: Under, choices: Array) -> tuple[Under, Array, Array]:
     """([B] episodes one decision later, [B, n] what there is to see, [B] reward)."""
 

@@ -6,7 +6,6 @@ decision it is checked against highway-env's own ``Kinematics`` observation.
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -14,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from lanewise import pinned
 from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Parameters
 from lanewise.driving import actions, episode, observation
@@ -96,6 +96,7 @@ def live(driving: DrivingSettings, world: World, duration: int) -> Any:
     )
 
 
+@pinned.switches()
 def read(env: Any) -> World:
     """The world of a live environment in the precision of training: what controllers learnt on."""
 
@@ -107,13 +108,13 @@ def read(env: Any) -> World:
     return narrowed
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _start(course: TestCourse, world: World) -> Any:
     """The controller's memory at the start."""
     return drive.begin(course, world)[1]
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _decide(
     course: TestCourse, parameters: Parameters, state: Episode, memory: Any
 ) -> tuple[Array, Any, Array]:
@@ -130,7 +131,7 @@ def highway_env_s(driving: DrivingSettings, world: World) -> Array:
     return jnp.delete(features, observation.LANE_OFFSET).reshape(5, 5)
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _judge(
     course: TestCourse, state: Episode, world: World, action: Array, memory: Any, sums: Sums
 ) -> tuple[Episode, Sums, Array]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 
+from lanewise import pinned
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import CheckpointError, RunError
@@ -223,6 +224,7 @@ def check_parts(folder: RunFolder, parts: Parts) -> None:
         raise RunError(f"{folder.path} was made with {made}\n  {remedy}")
 
 
+@pinned.switches()
 def blank_networks(folder: RunFolder, stage: Stage, parts: Parts = OURS) -> Parameters:
     """Shapes of the networks that learn in a stage."""
     course = recipe.course(folder.settings, stage, parts)
@@ -236,7 +238,7 @@ def blank_networks(folder: RunFolder, stage: Stage, parts: Parts = OURS) -> Para
             )
         return found
 
-    shapes: Parameters = jax.eval_shape(networks, jax.random.key(0))
+    shapes: Parameters = jax.eval_shape(networks, pinned.key(0))
     return shapes
 
 

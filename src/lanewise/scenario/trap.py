@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
+from lanewise import pinned
 from lanewise.scenario.settings import TrapSettings
 from lanewise.world import build, road
 from lanewise.world.select import pick
@@ -41,7 +42,7 @@ def roles(settings: TrapSettings) -> list[int]:
 
 def start_key(seed: int | Array, split: str, index: int | Array) -> Array:
     """The random key of start ``index`` of a split under ``seed``."""
-    stream = jax.random.fold_in(jax.random.key(seed), SPLITS.index(split))
+    stream = jax.random.fold_in(pinned.key(seed), SPLITS.index(split))
     return jax.random.fold_in(stream, index)
 
 
