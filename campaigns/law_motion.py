@@ -18,7 +18,7 @@ from law_worlds import (
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED
 
 TOP = 40.0
-"""Beyond this speed accelerations are cut, m/s; see `bicycle.TOP_SPEED`."""
+"""Beyond this speed accelerations are cut, m/s; see `world.settings.TOP_SPEED`."""
 ROUNDING = 1e-12
 
 

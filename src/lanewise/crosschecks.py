@@ -9,7 +9,7 @@ from lanewise.ranges import Between, Kind, show
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
 from lanewise.settings import STAGES, Settings
 from lanewise.training.settings import BudgetSettings, LevelSettings
-from lanewise.world.settings import CAR_LENGTH
+from lanewise.world.settings import CAR_LENGTH, FARTHEST, TOP_SPEED
 
 MOST_LAYERS = 16
 """Hidden layers of a network; compiling one takes time with each."""
@@ -28,6 +28,7 @@ TRAINED = {
     "h-dqn": ("h_dqn",),
 }
 """Sections of the stages that each controller is trained in."""
+_TOO_COARSE = "farther on, 32-bit places are coarser than 1 cm"
 _PAY = ("external_weight", "tracking_weight", "approach_weight", "goal_reward")
 FEATURES = 26
 """Numbers that the paper's controllers observe."""
@@ -42,6 +43,7 @@ def check(settings: Settings) -> None:
     """
     _check_scenario(settings)
     _check_driving(settings)
+    _check_reach(settings)
     for stage in STAGES:
         part = getattr(settings, stage)
         _check_budget(stage, part)
@@ -114,6 +116,54 @@ def _least_bytes(learner: LearnerSettings, observed: int) -> int:
     weights = sum(above * below for below, above in pairwise((observed, *learner.hidden)))
     rows = learner.replay_capacity * 2 * observed
     return 4 * (5 * weights + rows)
+
+
+def _check_reach(settings: Settings) -> None:
+    """No drive leads beyond the end of the road."""
+    reach = _extent(settings.scenario)
+    if reach > FARTHEST:
+        raise SettingsError(
+            f"scenario.traffic: the farthest vehicle could stand {reach:,.0f} m from the ego, "
+            f"beyond the end of the road ({FARTHEST:,.0f} m): {_TOO_COARSE}"
+        )
+    check_duration("evaluation.duration", settings.evaluation.duration, settings.scenario)
+    for stage in (*STAGES, "h_dqn"):
+        seconds = getattr(settings, stage).duration * settings.driving.decision_duration
+        check_duration(f"{stage}.duration", seconds, settings.scenario)
+
+
+def check_duration(name: str, seconds: float, trap: TrapSettings) -> None:
+    """Checks that no vehicle can get beyond the end of the road within an episode.
+
+    Args:
+        name: of the setting, for the message.
+        seconds: simulated length of the episode.
+        trap: where everybody may start.
+
+    Raises:
+        SettingsError: says how far, and how long an episode may last.
+    """
+    start, fastest = _extent(trap), max(TOP_SPEED, trap.traffic.speed)
+    reach = start + fastest * seconds
+    if reach > FARTHEST:
+        raise SettingsError(
+            f"{name}: in {seconds:g} s a vehicle could get {reach:,.0f} m from the start, beyond "
+            f"the end of the road ({FARTHEST:,.0f} m): {_TOO_COARSE}; "
+            f"at most {int((FARTHEST - start) / fastest)} s"
+        )
+
+
+def _extent(trap: TrapSettings) -> float:
+    """How far from the ego, either way, anybody may stand at the start, m."""
+    traffic = trap.traffic
+
+    def row(gap: float, count: int) -> float:
+        return gap + (count - 1) * traffic.spacing + count * traffic.spacing_jitter if count else 0
+
+    fronts = (trap.test_front_distance, *trap.training_front_distance)
+    sides = (trap.test_side_distance, *trap.training_side_distance)
+    ahead = max(*fronts, *sides) + row(traffic.first_gap, traffic.vehicles_ahead)
+    return max(ahead, row(traffic.gap_behind, traffic.vehicles_behind), -min(sides))
 
 
 def _check_scenario(settings: Settings) -> None:

@@ -1,5 +1,6 @@
 import dataclasses
 import math
+import re
 import tomllib
 
 import pytest
@@ -208,6 +209,34 @@ def test_settings_that_contradict_one_another(flags, hint):
 
 
 @pytest.mark.parametrize(
+    ("flags", "hint"),
+    [
+        (
+            {"evaluation.duration": 5000},
+            "evaluation.duration: in 5000 s a vehicle could get 200,306 m from the start",
+        ),
+        (
+            {"low_level.duration": 7000},
+            "low_level.duration: in 3500 s a vehicle could get 140,306 m",
+        ),
+        (
+            {
+                "scenario.traffic.spacing": 1000.0,
+                "scenario.traffic.vehicles_behind": 100,
+                "scenario.traffic.spacing_jitter": 900.0,
+                "scenario.traffic.first_gap": 950.0,
+                "scenario.traffic.gap_behind": 950.0,
+            },
+            "scenario.traffic: the farthest vehicle could stand 189,950 m from the ego",
+        ),
+    ],
+)
+def test_drives_beyond_the_end_of_the_road_are_refused(flags, hint):
+    with pytest.raises(SettingsError, match=re.escape(hint)):
+        config.compose(flags=flags)
+
+
+@pytest.mark.parametrize(
     "flags",
     [
         # Without a decay there is but one rate; one that is paid by its goals alone is paid.
@@ -215,6 +244,8 @@ def test_settings_that_contradict_one_another(flags, hint):
         {"low_level.external_weight": 0},
         {"high_level.decisions": 0, "high_level.episodes": 1},
         {"scenario.test_side_distance": -60.0},
+        {"evaluation.duration": 3000},
+        {"scenario.traffic.spacing": 200.0, "scenario.traffic.vehicles_ahead": 100},
         {"scenario.traffic.vehicles_ahead": 0, "scenario.traffic.first_gap": 0.0},
     ],
 )

@@ -7,8 +7,10 @@ from percepts import percept_of
 from lanewise.controllers import goal_critic
 from lanewise.controllers.goals import Goal
 from lanewise.controllers.settings import GoalSettings
+from lanewise.driving.settings import DrivingSettings
 
 SETTINGS = GoalSettings(time_limit=3.0)
+DRIVING = DrivingSettings(decision_frequency=2)
 KEEP = 4
 """The joint-9 action that moves nothing."""
 
@@ -23,7 +25,7 @@ def under_way(age=1, lane=1, speed=10.0):
 
 
 def review(memory, seen, renewal="critic", settings=SETTINGS):
-    return goal_critic.review(settings, 2, renewal, memory, seen)
+    return goal_critic.review(settings, DRIVING, renewal, memory, seen)
 
 
 def counts(memory):

@@ -104,3 +104,38 @@ def test_an_escape_in_the_decision_of_an_accident_does_not_count():
     after, outcome = JUDGE(before, replace(wreck, vehicles=vehicles), jnp.float32(0.0), 50)
     assert outcome.terminated
     assert not after.escaped
+
+
+@pytest.mark.parametrize(
+    ("seconds", "simulation", "decision", "expected"),
+    [
+        (25, 10, 2, 50),
+        (25.0, 15, 2, 54),  # decisions of 7/15 s
+        (7 / 15, 15, 2, 1),
+        (25.2, 15, 2, 54),
+        (25.3, 15, 2, 55),
+        (1.0, 10, 10, 10),
+        (0.3, 10, 10, 3),
+        (0.25, 10, 2, 1),
+        (100_000, 100, 50, 5_000_000),
+    ],
+)
+def test_seconds_are_simulated_ones_rounded_up_to_decisions(
+    seconds, simulation, decision, expected
+):
+    driving = DrivingSettings(simulation_frequency=simulation, decision_frequency=decision)
+    assert driving.decisions_in(seconds) == expected
+
+
+@pytest.mark.parametrize("frequencies", [(10, 2), (15, 2), (30, 16), (10, 1)])
+def test_one_reward_counts_in_each_simulated_second(frequencies):
+    driving = DrivingSettings(*frequencies)
+    state, outcome = STEP(episode.begin(trap_world(0.0)), jnp.int32(actions.IDLE), 50)
+    ends = [
+        number
+        for number in range(1, driving.decisions_in(25) + 1)
+        if episode.ends_timestep(driving, replace(state, decisions=jnp.int32(number)), outcome)
+    ]
+    times = [number * driving.decision_duration for number in ends]
+    assert [int(time + 1e-9) for time in times] == list(range(1, 26))
+    assert all(time % 1.0 < driving.decision_duration - 1e-9 for time in times)

@@ -148,6 +148,15 @@ def test_a_video_runs_in_real_time(tmp_path):
     assert (frames, seconds) == (5, pytest.approx(2.5))
 
 
+def test_decisions_shorter_than_their_frequency_says_fill_the_duration_in_real_time():
+    env = gymnasium.make("lanewise/Trap-v0", simulation_frequency=15).unwrapped
+    decision = 7 / 15
+    assert env.task.rules.duration == 54
+    assert env.metadata["render_fps"] == pytest.approx(1.0 / decision)
+    many = gymnasium.make_vec("lanewise/Trap-v0", num_envs=1, simulation_frequency=15)
+    assert many.metadata["render_fps"] == env.metadata["render_fps"]
+
+
 def test_a_goal_lasts_until_the_critic_ends_it():
     low, high = gymnasium.make("lanewise/Trap-v0"), gymnasium.make("lanewise/TrapGoal-v0")
     assert high.action_space.n == 9
@@ -201,6 +210,7 @@ def test_settings_by_keyword():
         ({"trap_speed": 9.0, "scenario.trap_speed": 9.0}, "given twice"),
         ({"split": "train"}, "did you mean training"),
         ({"duration": 0}, "duration must be"),
+        ({"duration": 4000}, "duration: in 4000 s a vehicle could get"),
         ({"duration": "25"}, "duration: expected a number of seconds, got 25"),
         ({"split": 0}, "split: expected text, one of training, validation, test, got 0"),
         ({"parts": 3}, r"parts: expected lanewise\.Parts\(\.\.\.\), got 3"),

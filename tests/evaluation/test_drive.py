@@ -76,6 +76,17 @@ def test_an_idle_ego_on_an_empty_road_in_closed_form(monkeypatch):
     assert found.goals.tolist() == [0, 0]
 
 
+def test_the_distance_counts_from_where_the_drive_began(monkeypatch):
+    monkeypatch.setattr(drive, "BLOCK", 2)
+    scenario = replace(EMPTY, test_side_distance=60.0, trap_speed=10.0, ego_speed=10.0)
+    course = course_of(scenario, Constant())
+    worlds = drive.start_block(course, 0, 0)
+    x = worlds.vehicles.x + jnp.array([[500.0], [-2000.0]])
+    further = replace(worlds, vehicles=replace(worlds.vehicles, x=x))
+    sums = drive.drive_block(course, parameters(), further)
+    np.testing.assert_allclose(sums.distance, 250.0, rtol=1e-5)
+
+
 def test_an_accident_adds_its_penalty_once_and_ends_the_sums(monkeypatch):
     """Braking from 2.25 m/s at 1 m/s^2 the ego is below 0.1 m/s after five decisions."""
     monkeypatch.setattr(drive, "BLOCK", 1)
@@ -124,7 +135,7 @@ def decided(decisions, speed, escaped, terminated=False):
 
 
 def test_the_escape_time_is_the_first_and_an_accident_takes_success_away():
-    driving, sums = DrivingSettings(), drive.nothing_yet()
+    driving, sums = DrivingSettings(), drive.nothing_yet(0.0)
     for number, escaped in enumerate((False, True, True), start=1):
         sums = drive.gather(driving, sums, *decided(number, 10.0, escaped), None)
     crashed = drive.gather(driving, sums, *decided(4, 6.0, True, terminated=True), None)

@@ -19,7 +19,7 @@ BAD = (np.nan, np.inf, -np.inf)
 
 
 def sums_of(count):
-    one = replace(drive.nothing_yet(), decisions=jnp.int32(3))
+    one = replace(drive.nothing_yet(0.0), decisions=jnp.int32(3))
     return jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[None], count, 0), one)
 
 

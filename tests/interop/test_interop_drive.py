@@ -16,6 +16,7 @@ from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation import drive
 from lanewise.evaluation.drive import TestCourse as Course
 from lanewise.interop import drive as twin
+from lanewise.interop import highway_env
 from lanewise.learning import network
 from lanewise.scenario.settings import TrapSettings
 
@@ -78,3 +79,20 @@ def test_the_rule_based_ego_drives_alike_in_both_worlds(monkeypatch):
             np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), rtol=1e-4)
     recording = drive.record(course, {}, 3, 0)
     assert np.ptp(recording.y[:, 0]) > 3.5
+
+
+@pytest.mark.parametrize(
+    ("simulation", "decision", "seconds", "decisions"), [(15, 2, 5.0, 11), (10, 10, 1.0, 10)]
+)
+def test_the_live_environment_ends_after_the_simulated_duration(
+    simulation, decision, seconds, decisions
+):
+    course = Course(TrapSettings(), DrivingSettings(), SingleLevel(), 50)
+    env = highway_env.build_env(
+        jax.device_get(drive.start(course, 0, 0)),
+        simulation_frequency=simulation,
+        decision_frequency=decision,
+        duration=seconds,
+    )
+    ends = [env.step(4)[3] for _ in range(decisions)]
+    assert ends == [False] * (decisions - 1) + [True]

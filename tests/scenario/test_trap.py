@@ -8,14 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lanewise.driving import actions, episode
+from lanewise.driving import accidents, actions, episode
 from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation.drive import TestCourse as Course
 from lanewise.evaluation.drive import start
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
 from lanewise.world import build, road
-from lanewise.world.settings import PAPER_DRIVER
+from lanewise.world.settings import PAPER_DRIVER, TOP_SPEED
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, World
 
 SETTINGS = TrapSettings()
@@ -198,3 +198,23 @@ def test_settings_reach_the_road():
     np.testing.assert_allclose(world.vehicles.x, [0.0, 20.0, -3.0])
     np.testing.assert_allclose(world.vehicles.y, [0.0, 0.0, 3.5])
     np.testing.assert_allclose(world.vehicles.speed, [11.0, 9.0, 9.0])
+
+
+CROWDED = TrafficSettings(vehicles_ahead=100, vehicles_behind=100, spacing=200.0)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [TrapSettings(), TrapSettings(test_side_distance=-200.0), TrapSettings(traffic=CROWDED)],
+    ids=["default", "trap car behind", "crowded"],
+)
+def test_everybody_stands_on_a_lane_as_far_as_a_drive_can_go(settings):
+    world = trap.sample(settings, trap.start_key(0, "test", 0), "test")
+    vehicles = world.vehicles
+    longest = TOP_SPEED * 1600.0
+    for drive in (0.0, longest, -longest):
+        x = vehicles.x + drive
+        assert (np.asarray(road.occupied_lanes(world.road, x, vehicles.y)) > 0).all()
+        assert (np.asarray(road.reachable_lanes(world.road, x, vehicles.y)) > 0).all()
+        there = replace(world, vehicles=replace(vehicles, x=x))
+        assert not accidents.off_road(there)

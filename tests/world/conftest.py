@@ -27,7 +27,7 @@ def make_world():
         settings = [settings] * count if not isinstance(settings, list) else settings
         y = np.asarray(lane) * 4.0 if y is None else y
         return World(
-            road.straight_road(lanes, dtype=dtype),
+            road.straight_road(lanes, length=10_000.0, dtype=dtype),
             build.make_drivers(settings, kinds, maximum, dtype),
             build.make_vehicles(
                 x, y, np.broadcast_to(speed, count), lane, maximum, heading, timer, dtype

@@ -10,6 +10,7 @@ from lanewise.controllers import goals
 from lanewise.controllers.goals import Goal
 from lanewise.controllers.settings import GoalSettings
 from lanewise.driving.percept import Percept
+from lanewise.driving.settings import DrivingSettings
 
 
 @jax.tree_util.register_dataclass
@@ -51,7 +52,7 @@ def reached(settings: GoalSettings, goal: Goal, percept: Percept) -> Array:
 
 def review(
     settings: GoalSettings,
-    decision_frequency: int,
+    driving: DrivingSettings,
     renewal: str,
     memory: GoalMemory,
     percept: Percept,
@@ -60,7 +61,7 @@ def review(
 
     Args:
         settings: tolerances and the time limit.
-        decision_frequency: decisions a second.
+        driving: how long a decision lasts.
         renewal: ``critic`` (a new goal only when this one has ended), ``timestep`` (also every
             second) or ``decision`` (always).
         memory: the goal under way; one that is due already stays due.
@@ -71,8 +72,8 @@ def review(
     """
     under_way = ~memory.due
     done = under_way & reached(settings, memory.goal, percept)
-    given_up = under_way & ~done & (memory.age >= _limit(settings, decision_frequency))
-    due = memory.due | done | (memory.age >= lifetime(settings, decision_frequency, renewal))
+    given_up = under_way & ~done & (memory.age >= _limit(settings, driving))
+    due = memory.due | done | (memory.age >= lifetime(settings, driving, renewal))
     return GoalMemory(
         goal=memory.goal,
         age=memory.age,
@@ -82,15 +83,15 @@ def review(
     )
 
 
-def lifetime(settings: GoalSettings, decision_frequency: int, renewal: str) -> int:
+def lifetime(settings: GoalSettings, driving: DrivingSettings, renewal: str) -> int:
     """Decisions after which a goal that was not reached is replaced; ``renewal`` as in `review`."""
-    limit = _limit(settings, decision_frequency)
-    return {"critic": limit, "timestep": decision_frequency, "decision": 1}[renewal]
+    limit = _limit(settings, driving)
+    return {"critic": limit, "timestep": driving.decisions_per_timestep, "decision": 1}[renewal]
 
 
-def _limit(settings: GoalSettings, decision_frequency: int) -> int:
+def _limit(settings: GoalSettings, driving: DrivingSettings) -> int:
     """Decisions after which a goal counts as given up."""
-    return round(settings.time_limit * decision_frequency)
+    return driving.decisions_in(settings.time_limit)
 
 
 def renew(

@@ -92,8 +92,7 @@ def review(
     percept: Percept,
 ) -> TwoLevelMemory:
     """The goal critic looks at the goal."""
-    frequency = driving.decision_frequency
-    goal = goal_critic.review(settings, frequency, renewal, memory.goal, percept)
+    goal = goal_critic.review(settings, driving, renewal, memory.goal, percept)
     return replace(memory, goal=goal)
 
 

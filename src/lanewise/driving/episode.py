@@ -88,9 +88,11 @@ def drive(
 def ends_timestep(settings: DrivingSettings, after: Episode, outcome: Outcome) -> Array:
     """Whether a decision's reward counts in the paper's sum: one a second, and an accident's.
 
-    bool []; row 3 of the reading.
+    bool []; row 3 of the reading. The decision in which a second of simulated time is completed
+    counts for it.
     """
-    full = after.decisions % settings.decisions_per_timestep == 0
+    ticks = settings.ticks_per_decision
+    full = after.decisions * ticks % settings.simulation_frequency < ticks
     return full | outcome.terminated
 
 

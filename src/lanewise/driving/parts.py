@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from lanewise import pinned
 from lanewise.driving import observation, reward
 from lanewise.driving.settings import DrivingSettings, ObservationSettings, RewardSettings
 from lanewise.errors import LanewiseError, SettingsError, brief
@@ -73,6 +74,7 @@ class Parts:
             if (own := getattr(self, part.name)) is not part.default
         )
 
+    @pinned.switches()
     def try_out(
         self, scenario: TrapSettings, driving: DrivingSettings, split: str = "training"
     ) -> int:
@@ -91,9 +93,7 @@ class Parts:
         """
         if not self.names():
             return observation.SIZE
-        world = self._tried(
-            "start", lambda key: self.start(scenario, key, split), jax.random.key(0)
-        )
+        world = self._tried("start", lambda key: self.start(scenario, key, split), pinned.key(0))
         self._check_world(world)
         seen = self._tried("observe", partial(self.observe, driving.observation), world)
         if not (_is_array(seen) and seen.ndim == 1 and seen.dtype == jnp.float32):

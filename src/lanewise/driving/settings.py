@@ -1,7 +1,7 @@
 """Settings of the decision process: rates, actions, observation, reward, endings. No JAX."""
 
 from dataclasses import dataclass, field
-from math import pi
+from math import ceil, pi
 from typing import Annotated
 
 from lanewise.ranges import Between, OneOf
@@ -60,7 +60,7 @@ class DrivingSettings:
     simulation_frequency: Annotated[int, Between(1, 100, "Hz")] = 10
     """Ticks a second."""
     decision_frequency: Annotated[int, Between(1, 50, "Hz")] = 2
-    """Low-level decisions a second; a decision lasts floor(simulation/decision) ticks."""
+    """Low-level decisions a second, or more: a decision lasts floor(simulation/decision) ticks."""
     stopped_speed: Annotated[float, Between(0.0, 10.0, "m/s")] = 0.1
     """Slower than this counts as having come to a stop, an accident."""
     actions: ActionSettings = field(default_factory=ActionSettings)
@@ -85,11 +85,16 @@ class DrivingSettings:
         """Simulated length of a decision, s.
 
         Shorter than 1 / `decision_frequency` where that does not divide the simulation frequency
-        (row 2 of the reading).
+        (row 2 of the reading). Whatever is given in seconds is counted with it.
         """
         return self.ticks_per_decision / self.simulation_frequency
 
     @property
     def decisions_per_timestep(self) -> int:
-        """Decisions in the paper's timestep of one second."""
-        return self.decision_frequency
+        """Decisions in the paper's timestep of one second, to the nearest whole one."""
+        return round(1.0 / self.decision_duration)
+
+    def decisions_in(self, seconds: float) -> int:
+        """Decisions it takes until so many simulated seconds have passed."""
+        # Shortened by less than matters, so that rounding never adds a decision to a whole number.
+        return ceil(seconds / self.decision_duration * (1.0 - 1e-12))

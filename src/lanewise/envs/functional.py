@@ -13,7 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from lanewise import forked
+from lanewise import forked, pinned
+from lanewise.crosschecks import check_duration
 from lanewise.driving import episode, restart
 from lanewise.driving.actions import are_numbers
 from lanewise.driving.episode import Episode
@@ -96,7 +97,7 @@ def make(
         preset: a training preset, which says over which starts training episodes vary.
         trap: a scenario preset, ``trap-10`` or ``trap-10.9``.
         split: from which starts: ``training``, ``validation`` or ``test``.
-        duration: after which an episode is truncated, s.
+        duration: after which an episode is truncated, simulated s, rounded up to decisions.
         parts: functions of the user's own for start, observation, reward and success.
         settings: any of scenario, driving, goals and planner (docs/settings.md), named in full,
             by the last word, or in a mapping named like the section.
@@ -110,11 +111,12 @@ def make(
         forked.refuse()
     # Refuses what does not work.
     parts.try_out(composed.scenario, composed.driving, split)
-    frequency = composed.driving.decision_frequency
     if isinstance(duration, bool) or not isinstance(duration, int | float | np.number):
         raise SettingsError(f"duration: expected a number of seconds, got {str(duration)[:80]}")
-    if not 1 / frequency <= duration <= 1e6:
-        raise SettingsError(f"duration must be between {1 / frequency:g} and 1e6 s, got {duration}")
+    shortest = composed.driving.decision_duration
+    if not duration >= shortest:
+        raise SettingsError(f"duration must be at least {shortest:g} s, got {duration}")
+    check_duration("duration", float(duration), composed.scenario)
     controls: dict[str, Control] = {
         "low-level": LowLevel(),
         "goal": Goals(composed.goals, composed.planner),
@@ -123,12 +125,12 @@ def make(
     return Trap(
         scenario=composed.scenario,
         control=look_up("kind of action", actions, controls),
-        rules=Rules(composed.driving, parts, round(duration * frequency)),
+        rules=Rules(composed.driving, parts, composed.driving.decisions_in(float(duration))),
         split=split,
     )
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def reset(task: Trap, key: Array) -> tuple[State, Step]:
     """A fresh episode.
 
@@ -139,10 +141,10 @@ def reset(task: Trap, key: Array) -> tuple[State, Step]:
     Returns:
         The state, and what it shows.
     """
-    return start(task, task.rules.parts.start(task.scenario, key, task.split))
+    return start(task, task.rules.parts.start(task.scenario, pinned.own(key), task.split))
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def step(task: Trap, state: State, action: Array) -> tuple[State, Step]:
     """One step; what follows an episode's end is without meaning.
 
@@ -158,8 +160,11 @@ def step(task: Trap, state: State, action: Array) -> tuple[State, Step]:
     Raises:
         ActionError: the action has another type or shape. Its value is not looked at.
     """
-    _check_kind(task.control, jnp.asarray(action))
-    return led_to(task, state, *task.control.drive(task.rules, state.episode, state.memory, action))
+    given = jnp.asarray(action)
+    _check_kind(task.control, given)
+    # In 32 bits, also from a caller whose JAX has 64.
+    chosen = given.astype(jnp.float32 if jnp.issubdtype(given.dtype, jnp.floating) else jnp.int32)
+    return led_to(task, state, *task.control.drive(task.rules, state.episode, state.memory, chosen))
 
 
 def _check_kind(control: Control, action: Array) -> None:

@@ -1,7 +1,6 @@
 """The trap inside the real highway-env, with our observation, reward and endings."""
 
 from copy import deepcopy
-from functools import partial
 from typing import Any, Self
 
 import jax
@@ -9,6 +8,7 @@ import jax.numpy as jnp
 from jax import Array
 from numpy.typing import NDArray
 
+from lanewise import pinned
 from lanewise.driving import actions, episode
 from lanewise.envs import control, functional, rows
 from lanewise.envs.functional import State, Trap
@@ -59,7 +59,7 @@ class TrapHighwayEnv(TrapEnv):
         return row
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _start(task: Trap, seed: Array, index: Array) -> World:
     """Start ``index`` of a seed."""
     return task.rules.parts.start(
@@ -67,14 +67,14 @@ def _start(task: Trap, seed: Array, index: Array) -> World:
     )
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _begun(task: Trap, world: World) -> tuple[State, Array]:
     """(state, row) at the start."""
     state, shown = functional.start(task, world)
     return state, rows.pack(shown)
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _judged(task: Trap, state: State, world: World, action: Array) -> tuple[State, Array]:
     """(state, row) after a decision that highway-env simulated."""
     rules = task.rules

@@ -5,11 +5,10 @@ not, whatever happened before.
 """
 
 from collections.abc import Mapping
-from functools import partial
+from math import isclose
 from typing import Any
 
 import gymnasium
-import jax
 import jax.numpy as jnp
 import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
@@ -17,7 +16,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from lanewise import forked
+from lanewise import forked, pinned
 from lanewise.driving import actions
 from lanewise.envs import functional, rows, spaces
 from lanewise.envs.functional import State, Trap
@@ -183,8 +182,13 @@ def refuse_unusable(closed: bool) -> None:
 
 
 def metadata(task: Trap) -> dict[str, Any]:
-    """Render modes, and frames a second at which a video runs in real time."""
-    return {"render_modes": list(RENDER_MODES), "render_fps": task.rules.driving.decision_frequency}
+    """Render modes, and frames a second at which a video of every decision runs in real time."""
+    rate = 1.0 / task.rules.driving.decision_duration
+    whole = round(rate)
+    return {
+        "render_modes": list(RENDER_MODES),
+        "render_fps": whole if isclose(rate, whole) else rate,
+    }
 
 
 def info(facts: dict[str, NDArray[Any]], starts: Starts) -> Info:
@@ -204,14 +208,14 @@ def checked(space: gymnasium.Space[Any], action: Any) -> NDArray[Any]:
     return actions.checked(action, spaces.count(space), space.shape or (), wanted)
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _reset(task: Trap, seed: Array, index: Array) -> tuple[State, Array]:
     """(state, row)."""
     state, shown = functional.reset(task, trap.start_key(seed, task.split, index))
     return state, rows.pack(shown)
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _step(task: Trap, state: State, action: ArrayLike) -> tuple[State, Array]:
     """(state, row)."""
     state, shown = functional.step(task, state, action)

@@ -6,6 +6,7 @@ import numpy as np
 from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 
+from lanewise import pinned
 from lanewise.controllers import goals
 from lanewise.driving import actions, observation
 from lanewise.driving.parts import OURS
@@ -27,6 +28,7 @@ def count(space: Space[Any]) -> int:
     return int(space.n) if isinstance(space, Discrete) else 0
 
 
+@pinned.switches()
 def of_observations(task: Trap) -> Space[NDArray[np.float32]]:
     """What `functional.step` shows; without limits where a user's own function observes."""
     limit = np.inf

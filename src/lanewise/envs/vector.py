@@ -17,6 +17,7 @@ from gymnasium.vector.utils import batch_space
 from jax import Array
 from numpy.typing import NDArray
 
+from lanewise import pinned
 from lanewise.driving import restart
 from lanewise.driving.actions import checked
 from lanewise.envs import functional, rows, single, spaces
@@ -282,12 +283,12 @@ def _stepped(task: Trap, states: State, actions: Array) -> tuple[State, Array]:
     return found
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _reset(task: Trap, seeds: Array, indices: Array) -> tuple[State, Array]:
     return _fresh(task, seeds, indices)
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _reset_some(
     task: Trap, states: State, seeds: Array, indices: Array, which: Array
 ) -> tuple[State, Array]:
@@ -299,7 +300,7 @@ Stepped = tuple[State, Array, Array]
 """(states, rows to be shown, rows of the step itself)."""
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _step(
     task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
 ) -> Stepped:
@@ -308,7 +309,7 @@ def _step(
     return states, found, found
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _step_or_restart(
     task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
 ) -> Stepped:
@@ -318,7 +319,7 @@ def _step_or_restart(
     return states, shown, found
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _step_and_restart(
     task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
 ) -> Stepped:

@@ -12,7 +12,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
+from lanewise import pinned
 from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Controller, Parameters
 from lanewise.controllers.goal_critic import GoalMemory
@@ -54,6 +56,8 @@ class TestCourse:
 class Sums:
     """What is gathered along an episode; frozen once it is over."""
 
+    start: Array
+    """[] the ego's place at the start, m."""
     over: Array
     """bool []."""
     accident: Array
@@ -63,7 +67,7 @@ class Sums:
     speed: Array
     """[] sum of the speed after each decision, m/s."""
     distance: Array
-    """[] m."""
+    """[] from the start, m."""
     decisions: Array
     """int32 []."""
     escape: Array
@@ -158,10 +162,22 @@ def _check_numbers(sums: Sums) -> None:
             )
 
 
-def nothing_yet() -> Sums:
-    """Sums at an episode's start."""
+def nothing_yet(x: ArrayLike) -> Sums:
+    """Sums at the start of an episode whose ego stands at ``x``, m."""
     zero, none = jnp.float32(0.0), jnp.int32(0)
-    return Sums(jnp.bool_(False), none, zero, zero, zero, none, none, none, none, jnp.bool_(True))
+    return Sums(
+        start=jnp.asarray(x, jnp.float32),
+        over=jnp.bool_(False),
+        accident=none,
+        reward=zero,
+        speed=zero,
+        distance=zero,
+        decisions=none,
+        escape=none,
+        goals=none,
+        timed_out=none,
+        sound=jnp.bool_(True),
+    )
 
 
 def gather(
@@ -176,11 +192,12 @@ def gather(
     counts = episode.ends_timestep(driving, state, outcome)
     first_escape = state.escaped & (sums.escape == 0)
     after = Sums(
+        start=sums.start,
         over=outcome.terminated | outcome.truncated,
         accident=outcome.accident,
         reward=sums.reward + jnp.where(counts, outcome.reward, 0.0),
         speed=sums.speed + state.world.vehicles.speed[0],
-        distance=state.world.vehicles.x[0],
+        distance=state.world.vehicles.x[0] - sums.start,
         decisions=state.decisions,
         escape=jnp.where(first_escape, state.decisions, sums.escape),
         goals=sums.goals if goal is None else goal.ended,
@@ -206,7 +223,7 @@ def start_block(course: TestCourse, seed: int, first: int) -> World:
     return worlds
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2))
+@pinned.jit(static_argnums=(0, 1, 2))
 def _start_block(sample: Any, scenario: TrapSettings, split: str, seed: int, first: int) -> World:
     def start(index: Array) -> World:
         world: World = sample(scenario, trap.start_key(seed, split, index), split)
@@ -215,7 +232,7 @@ def _start_block(sample: Any, scenario: TrapSettings, split: str, seed: int, fir
     return jax.vmap(start)(first + jnp.arange(BLOCK))
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def drive_block(course: TestCourse, parameters: Parameters, worlds: World) -> Sums:
     """The episodes that begin in a block of `BLOCK` starts, wherever those come from."""
     drive_one = partial(_drive_one, course, parameters)
@@ -235,7 +252,9 @@ def _drive_one(course: TestCourse, parameters: Parameters, world: World) -> Sums
         return state, memory, gather(course.driving, sums, state, outcome, goal, course.parts)
 
     state, memory = begin(course, world)
-    first = replace(nothing_yet(), sound=sound(course.driving, state, course.parts))
+    first = replace(
+        nothing_yet(world.vehicles.x[0]), sound=sound(course.driving, state, course.parts)
+    )
     carry = (state, memory, first)
     sums: Sums = jax.lax.fori_loop(0, course.duration, decide, carry)[2]
     return sums
@@ -262,7 +281,7 @@ def decision(
     return state, memory, outcome, trace
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _record(course: TestCourse, parameters: Parameters, world: World) -> Any:
     """An episode's worlds, memories, sums and rewards after each decision."""
 
@@ -273,7 +292,7 @@ def _record(course: TestCourse, parameters: Parameters, world: World) -> Any:
         sums = gather(course.driving, sums, state, outcome, goal, course.parts)
         return (state, memory, sums), (state.world.vehicles, memory, sums, outcome.reward)
 
-    carry = (*begin(course, world), nothing_yet())
+    carry = (*begin(course, world), nothing_yet(world.vehicles.x[0]))
     return jax.lax.scan(decide, carry, length=course.duration)[1]
 
 

@@ -25,7 +25,7 @@ class Episodes:
     average_speed: NDArray[np.float64]
     """[E] mean of the ego's speed at the end of each decision, m/s."""
     travel_distance: NDArray[np.float64]
-    """[E] along the road, m."""
+    """[E] along the road from the start, m."""
     duration: NDArray[np.float64]
     """[E] s; shorter than the test when an accident ended it."""
     escape_time: NDArray[np.float64]

@@ -16,6 +16,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from lanewise import pinned
 from lanewise.driving import accidents, actions
 from lanewise.driving.settings import DrivingSettings
 from lanewise.scenario import trap
@@ -166,13 +167,13 @@ def numbers(start: Start) -> Start:
     return arrays
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def begin(course: Course, start: Start) -> World:
     """The trap alone, its cars grown by the clearance."""
     traffic = replace(course.scenario.traffic, vehicles_ahead=0, vehicles_behind=0)
     scenario = replace(course.scenario, traffic=traffic)
     # Only traffic is drawn, and there is none: any key will do.
-    world = trap.place(scenario, start, jax.random.key(0), course.lanes)
+    world = trap.place(scenario, start, pinned.key(0), course.lanes)
     grown = 2.0 * course.clearance * jnp.asarray([0.0, 1.0, 1.0])
     drivers = world.drivers
     return replace(
@@ -181,7 +182,7 @@ def begin(course: Course, start: Start) -> World:
     )
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _step_all(course: Course, world: World, egos: Array) -> tuple[Array, Array, Array]:
     """Every action from each of [B, 4] egos: ([B, 9, 4] egos, [B, 9] alive, [B, 9] past)."""
     each_action = jax.vmap(partial(_step, course, world), in_axes=(None, 0))
@@ -208,7 +209,7 @@ def _step(course: Course, world: World, ego: Array, action: Array) -> tuple[Arra
     return moved, alive, trap.escaped(world)
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _coast(course: Course, world: World) -> World:
     """The trap cars a decision later, whatever the ego has done."""
     present = world.vehicles.present

@@ -5,7 +5,6 @@ The policy takes the place of a network: it chooses, and our controllers do the 
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -14,6 +13,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from lanewise import pinned
 from lanewise.driving import actions, episode
 from lanewise.driving.episode import Episode, Outcome
 from lanewise.evaluation import drive
@@ -114,7 +114,7 @@ def _block(
             return
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _begin(course: OutsideCourse, worlds: World) -> tuple[Under, Array]:
     """([B] episodes, [B, n] what there is to see)."""
 
@@ -125,7 +125,7 @@ def _begin(course: OutsideCourse, worlds: World) -> tuple[Under, Array]:
     return found
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _advance(course: OutsideCourse, under: Under, choices: Array) -> tuple[Under, Array, Array]:
     """([B] episodes one decision later, [B, n] what there is to see, [B] reward)."""
 
@@ -147,7 +147,10 @@ def begin(course: OutsideCourse, world: World) -> tuple[Under, Array]:
     """(the episode that starts in ``world``, what there is to see)."""
     state, memory = drive.begin(course.test, world)
     rules = course.test
-    sums = replace(drive.nothing_yet(), sound=drive.sound(rules.driving, state, rules.parts))
+    sums = replace(
+        drive.nothing_yet(world.vehicles.x[0]),
+        sound=drive.sound(rules.driving, state, rules.parts),
+    )
     return (state, memory, sums), drive.look(rules, state).features
 
 

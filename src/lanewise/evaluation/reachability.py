@@ -6,7 +6,6 @@ is followed. A start is unwinnable only where none of them is an escape.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +13,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from lanewise import pinned
 from lanewise.driving import actions, episode
 from lanewise.evaluation import escapes
 from lanewise.evaluation.escapes import Course, Reached
@@ -87,7 +87,7 @@ def replay(course: Course, start: Start, sequences: Sequence[tuple[int, ...]]) -
     return escaped[: len(sequences)]
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _replay(course: Course, start: Start, sequences: Array) -> Array:
     world = escapes.begin(course, start)
 

@@ -11,7 +11,7 @@ class EvaluationSettings:
     """How a controller is tested."""
 
     duration: Annotated[int, Between(1, 100_000, "s")] = 25
-    """Length of a test episode in the paper's timesteps of one second."""
+    """Length of a test episode, simulated; rounded up to decisions."""
     validation_episodes: Annotated[int, Between(1, 100_000)] = 200
     """Greedy episodes on validation starts by which weights are chosen."""
     validation_interval: Annotated[int, Between(1, 1_000_000)] = 2

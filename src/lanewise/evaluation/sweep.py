@@ -6,7 +6,6 @@ and fullest start needs.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from math import ceil
 
 import jax
@@ -14,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from lanewise import pinned
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation import concurrent, drive, escapes, reachability
@@ -139,7 +139,7 @@ def _drive(
     return drive.as_episodes(test.driving, whole)
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _place(test: TestCourse, seed: Array, first: Array, starts: Start) -> World:
     """The worlds of a block of starts."""
 

@@ -6,7 +6,6 @@ choose the same. Where it does not, it is counted, and goes on with the controll
 
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -15,6 +14,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from lanewise import pinned
 from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Controller, Memory, Parameters, Trace
 from lanewise.controllers.levels import TwoLevelMemory
@@ -134,7 +134,7 @@ def drives(course: TestCourse, parameters: Parameters, seed: int) -> Iterator[De
         first += drive.BLOCK
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _drive(course: TestCourse, parameters: Parameters, worlds: World) -> Decision:
     """All episodes of a block, [T, B]."""
 

@@ -68,7 +68,7 @@ def _weights(parameters: Parameters) -> dict[str, NDArray[np.float32]]:
 
 def _of_goals(controller: Hierarchical | Planned) -> dict[str, Any]:
     """What goals depend on."""
-    settings, frequency = controller.goals, controller.driving.decision_frequency
+    settings = controller.goals
     described = {
         name: getattr(settings, name)
         for name in (
@@ -79,7 +79,7 @@ def _of_goals(controller: Hierarchical | Planned) -> dict[str, Any]:
     described |= {
         "moves": goals.ACTION_SETS[settings.action_set],
         "renewal": controller.renewal,
-        "lifetime": goal_critic.lifetime(settings, frequency, controller.renewal),
+        "lifetime": goal_critic.lifetime(settings, controller.driving, controller.renewal),
     }
     return {"memory": "goal", "goals": described}
 

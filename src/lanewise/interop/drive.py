@@ -6,7 +6,6 @@ decision it is checked against highway-env's own ``Kinematics`` observation.
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -14,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from lanewise import pinned
 from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Parameters
 from lanewise.driving import actions, episode, observation
@@ -80,7 +80,7 @@ def _drive(course: TestCourse, parameters: Parameters, seed: int, index: int) ->
     env = live(course.driving, world, course.duration)
     state = episode.begin(read(env))
     memory = _start(course, state.world)
-    sums = drive.nothing_yet()
+    sums = drive.nothing_yet(state.world.vehicles.x[0])
     theirs = env.observation_type.observe()
     frames = []
     while not sums.over:
@@ -106,13 +106,14 @@ def live(driving: DrivingSettings, world: World, duration: int) -> Any:
         decision_frequency=driving.decision_frequency,
         acceleration=driving.actions.acceleration,
         steering=driving.actions.steering,
-        duration=duration / driving.decision_frequency,
+        duration=duration * driving.decision_duration,
     )
     if env.controlled_vehicles != [env.road.vehicles[0]]:
         raise SettingsError("only vehicle 0 can be driven here; make the others CONSTANT")
     return env
 
 
+@pinned.switches()
 def read(env: Any) -> World:
     """The world of a live environment in the precision of training: what controllers learnt on."""
 
@@ -124,13 +125,13 @@ def read(env: Any) -> World:
     return narrowed
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _start(course: TestCourse, world: World) -> Any:
     """The controller's memory at the start."""
     return drive.begin(course, world)[1]
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _decide(
     course: TestCourse, parameters: Parameters, state: Episode, memory: Any
 ) -> tuple[Array, Any, Array]:
@@ -147,7 +148,7 @@ def highway_env_s(driving: DrivingSettings, world: World) -> Array:
     return jnp.delete(features, observation.LANE_OFFSET).reshape(5, 5)
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _judge(
     course: TestCourse, state: Episode, world: World, action: Array, memory: Any, sums: Sums
 ) -> tuple[Episode, Sums, Array]:

@@ -16,6 +16,7 @@ from highway_env.road.road import RoadNetwork
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
+from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import SettingsError
 from lanewise.interop import known
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, Road, Vehicles, World
@@ -264,7 +265,7 @@ def build_env(
         decision_frequency: decisions a second, Hz.
         acceleration: size of the acceleration action, m/s^2.
         steering: size of the steering action, rad.
-        duration: after which an episode is truncated, s.
+        duration: after which an episode is truncated, simulated s, rounded up to decisions.
         render_mode: as of Gymnasium.
 
     Returns:
@@ -280,6 +281,7 @@ def build_env(
     driven = np.flatnonzero(kinds == EXTERNAL).tolist()
     if not driven and not (indices and indices[0] == 0 and kinds[0] == RULE_BASED):
         raise SettingsError("no vehicle is driven from outside, and vehicle 0 not by rules")
+    driving = DrivingSettings(simulation_frequency, decision_frequency)
     network = _build_network(world.road)
     lanes = len(_present(world.road))
     action = _discrete_action(acceleration, steering)
@@ -288,7 +290,9 @@ def build_env(
         "vehicles_count": 0,
         "simulation_frequency": simulation_frequency,
         "policy_frequency": decision_frequency,
-        "duration": duration,
+        # On highway-env's clock, which counts 1 / `decision_frequency` for every decision however
+        # long it lasts; half a decision early, as it is a sum of rounded numbers.
+        "duration": (driving.decisions_in(duration) - 0.5) / decision_frequency,
         "action": action if len(driven) < 2 else _of_each(action),
         "observation": _kinematics(lanes, float(np.asarray(world.road.width)[0])),
         "offscreen_rendering": True,

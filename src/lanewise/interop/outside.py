@@ -1,13 +1,13 @@
 """Anyone's policy through the paper's protocol in the real highway-env."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import jax
 import numpy as np
 from jax import Array
 
+from lanewise import pinned
 from lanewise.driving import episode
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import drive, outside
@@ -69,21 +69,21 @@ def _drive(course: OutsideCourse, decide: Decide, seed: int, index: int) -> list
     return frames
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _begin(course: OutsideCourse, world: World) -> tuple[Under, Array, Array]:
     """(the episode, what there is to see, what highway-env should see)."""
     under, seen = outside.begin(course, world)
     return under, seen, twin.highway_env_s(course.test.driving, world)
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _act(course: OutsideCourse, under: Under, choice: Array) -> tuple[Array, Any]:
     """(the low-level action that a choice leads to, the controller's memory)."""
     state, memory, _ = under
     return outside.act(course, state, memory, choice)
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def _judge(
     course: OutsideCourse, under: Under, world: World, memory: Any, action: Array
 ) -> tuple[Under, Array, Array, Array]:

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from lanewise import pinned
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import NumbersError, RunError
@@ -81,7 +82,7 @@ def see(path: Path | str, parts: Parts = OURS) -> Moment:
     for earlier in recipe.RECIPES[folder.controller][:index]:
         frozen = frozen | trained.load_stage(folder, earlier, parts)
     plan = resume.plan_of(folder, recipe.RECIPES[folder.controller][index], parts)
-    once = jax.jit(partial(stage.iterate, plan.course, frozen, count=1))
+    once = pinned.jit()(partial(stage.iterate, plan.course, frozen, count=1))
     for iteration in range(1, CHUNK + 1):
         after, metrics = once(before)
         found = findings.of(jax.device_get(metrics.finite))

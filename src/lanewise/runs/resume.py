@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 
+from lanewise import pinned
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import CheckpointError, RunError
@@ -120,6 +121,7 @@ def newest(
     return found, warning, unusable
 
 
+@pinned.switches()
 def blank(folder: RunFolder, index: int, parts: Parts = OURS) -> dict[str, Any]:
     """Shapes of a stage's checkpoint."""
     stages = recipe.RECIPES[folder.controller]
@@ -128,7 +130,7 @@ def blank(folder: RunFolder, index: int, parts: Parts = OURS) -> dict[str, Any]:
     for earlier in stages[:index]:
         frozen = frozen | trained.blank_networks(folder, earlier, parts)
     state = jax.eval_shape(
-        lambda levels: stage_loop.begin(plan.course, levels, jax.random.key(0)), frozen
+        lambda levels: stage_loop.begin(plan.course, levels, pinned.key(0)), frozen
     )
     return {"state": state, "best": stage_loop.online(state.learners)}
 

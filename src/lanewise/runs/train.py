@@ -13,7 +13,7 @@ from typing import Any
 
 import jax
 
-from lanewise import signals
+from lanewise import pinned, signals
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import NumbersError, RunError, shell_line
@@ -83,6 +83,7 @@ class _Interrupts:
             self._reporter.note("stopping: this chunk is finished and saved first")
 
 
+@pinned.switches()
 def train(
     folder: RunFolder,
     high_level: Path | None,
@@ -193,7 +194,7 @@ def _from(
 
 def _stage_key(folder: RunFolder, index: int) -> jax.Array:
     """The random key of a stage: its own stream of the run's seed."""
-    return jax.random.fold_in(jax.random.key(folder.seed), STAGE_STREAM + index)
+    return jax.random.fold_in(pinned.key(folder.seed), STAGE_STREAM + index)
 
 
 def _write(files: _Files, report: stages.Report, seconds: float) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 
+from lanewise import pinned
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import CheckpointError, RunError, shell_line
@@ -207,6 +208,7 @@ def take_over_high_level(folder: RunFolder, source: Path, parts: Parts = OURS) -
     save_stage(folder, first, parameters, meta)
 
 
+@pinned.switches()
 def blank_networks(folder: RunFolder, stage: Stage, parts: Parts = OURS) -> Parameters:
     """Shapes of the networks that learn in a stage."""
     course = recipe.course(folder.settings, stage, parts)
@@ -220,7 +222,7 @@ def blank_networks(folder: RunFolder, stage: Stage, parts: Parts = OURS) -> Para
             )
         return found
 
-    shapes: Parameters = jax.eval_shape(networks, jax.random.key(0))
+    shapes: Parameters = jax.eval_shape(networks, pinned.key(0))
     return shapes
 
 

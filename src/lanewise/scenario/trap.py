@@ -14,11 +14,12 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
+from lanewise import pinned
 from lanewise.scenario.settings import TrapSettings
 from lanewise.world import build, road
 from lanewise.world.select import pick
 from lanewise.world.settings import DriverSettings
-from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, Road, World
+from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, World
 
 SPLITS = ("training", "validation", "test")
 """Where a start comes from; each split draws from its own key stream."""
@@ -53,7 +54,7 @@ def roles(world: World) -> NDArray[np.int8]:
 
 def start_key(seed: int | Array, split: str, index: int | Array) -> Array:
     """The random key of start ``index`` of a split under ``seed``."""
-    stream = jax.random.fold_in(jax.random.key(seed), SPLITS.index(split))
+    stream = jax.random.fold_in(pinned.key(seed), SPLITS.index(split))
     return jax.random.fold_in(stream, index)
 
 
@@ -157,7 +158,7 @@ def place(settings: TrapSettings, start: Start, key: Array, lanes: int) -> World
         [start.ego_speed, start.trap_speed, start.trap_speed] + [settings.traffic.speed] * traffic,
         jnp.float32,
     )
-    where = _road(settings, start, lanes)
+    where = road.straight_road(start.lanes, settings.lane_width, settings.speed_limit, lanes)
     vehicles = build.make_vehicles(x, pick(where.centre, lane), speed, lane)
     return World(
         road=where,
@@ -171,21 +172,6 @@ def escaped(world: World) -> Array:
     x, half = world.vehicles.x, world.drivers.length / 2.0
     rear, fronts = x[0] - half[0], x + half
     return jnp.all((rear > fronts) | ~trap_cars(world))
-
-
-def _road(settings: TrapSettings, start: Start, lanes: int) -> Road:
-    """The road: from the ego's start on, or from behind the last vehicle behind it.
-
-    Neighbours are looked for only on the road, so one that began at the ego would hide the
-    vehicles behind from one another.
-    """
-    straight = road.straight_road(start.lanes, settings.lane_width, settings.speed_limit, lanes)
-    traffic = settings.traffic
-    if not traffic.vehicles_behind:
-        return straight
-    reach = traffic.gap_behind + start.vehicles_behind * (start.spacing + traffic.spacing_jitter)
-    begin = jnp.where(jnp.asarray(start.vehicles_behind) > 0, -reach, 0.0)
-    return replace(straight, start=jnp.full_like(straight.start, begin))
 
 
 def _present(settings: TrapSettings, start: Start) -> Array:

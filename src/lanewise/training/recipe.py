@@ -174,4 +174,4 @@ def test_course(
 
 def test_duration(settings: RecipeSettings) -> int:
     """Length of a test in decisions."""
-    return settings.evaluation.duration * settings.driving.decision_frequency
+    return settings.driving.decisions_in(settings.evaluation.duration)

@@ -6,6 +6,7 @@ from typing import Any
 
 import jax
 
+from lanewise import pinned
 from lanewise.training import stage
 from lanewise.training.rollout import Course
 from lanewise.training.stage import ChunkMetrics, StageState
@@ -24,4 +25,4 @@ def begin(course: Course, keys: jax.Array) -> StageState:
 def advance(course: Course) -> Callable[[StageState], tuple[StageState, ChunkMetrics]]:
     """`stage.advance` for several seeds, compiled when first called; it consumes the states."""
     one = partial(stage.advance, course, {})
-    return jax.jit(jax.vmap(one, in_axes=(AXES,), out_axes=(AXES, 0)), donate_argnums=0)
+    return pinned.jit(donate_argnums=0)(jax.vmap(one, in_axes=(AXES,), out_axes=(AXES, 0)))

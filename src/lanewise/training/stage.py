@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from lanewise import pinned
 from lanewise.controllers.controller import Parameters
 from lanewise.driving import restart
 from lanewise.learning import exploration, learner, replay
@@ -81,7 +82,7 @@ class ChunkMetrics:
     """Whether all numbers were."""
 
 
-@partial(jax.jit, static_argnums=0)
+@pinned.jit(static_argnums=0)
 def begin(course: Course, frozen: Parameters, key: Array) -> StageState:
     """The state before the first decision.
 
@@ -120,7 +121,7 @@ def _of_level(key: Array, number: int) -> Array:
     return jax.random.fold_in(key, LEVEL_STREAM + number) if number else key
 
 
-@partial(jax.jit, static_argnums=0, donate_argnums=2)
+@pinned.jit(static_argnums=0, donate_argnums=2)
 def advance(
     course: Course, frozen: Parameters, state: StageState
 ) -> tuple[StageState, ChunkMetrics]:

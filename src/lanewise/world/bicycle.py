@@ -8,11 +8,9 @@ from jax.typing import ArrayLike
 
 from lanewise.world.motion import Facing
 from lanewise.world.once import rounded
+from lanewise.world.settings import TOP_SPEED
 from lanewise.world.state import World
 from lanewise.world.steering import slip_sine
-
-TOP_SPEED = 40.0
-"""Beyond plus or minus this speed the *acceleration* is limited, m/s; speed itself never is."""
 
 
 def command(world: World, acceleration: ArrayLike, steering: ArrayLike, vehicle: int = 0) -> World:

@@ -5,6 +5,7 @@ from jax import Array
 from jax.typing import ArrayLike, DTypeLike
 
 from lanewise.world.select import pick
+from lanewise.world.settings import FARTHEST
 from lanewise.world.state import Road
 
 END_MARGIN = 5.0
@@ -22,17 +23,17 @@ def straight_road(
     width: ArrayLike = 4.0,
     speed_limit: ArrayLike = 30.0,
     lanes_max: int | None = None,
-    length: ArrayLike = 10_000.0,
+    length: ArrayLike | None = None,
     dtype: DTypeLike = jnp.float32,
 ) -> Road:
-    """Parallel lanes that begin at x = 0, lane 0 centred on y = 0.
+    """Parallel lanes along x, lane 0 centred on y = 0.
 
     Args:
         lanes: how many lanes exist; may be traced where `lanes_max` is given.
         width: of every lane, m; a number or an array [lanes_max] (then of the first lane's width).
         speed_limit: of every lane, m/s.
         lanes_max: static number of lanes of the arrays; absent lanes fill the rest.
-        length: of every lane, m.
+        length: of every lane from x = 0 on, m; None: `FARTHEST` m both ways.
         dtype: of the numbers.
 
     Returns:
@@ -49,8 +50,8 @@ def straight_road(
         present=present,
         centre=index.astype(dtype) * every_lane(width),
         width=every_lane(width),
-        start=every_lane(0.0),
-        end=every_lane(length),
+        start=every_lane(-FARTHEST if length is None else 0.0),
+        end=every_lane(FARTHEST if length is None else length),
         speed_limit=every_lane(speed_limit),
         open_to_change=present,
     )

@@ -8,6 +8,10 @@ from lanewise.ranges import Between
 
 CAR_LENGTH, CAR_WIDTH = 5.0, 2.0
 """Size of every car, m; highway-env's and the paper's."""
+TOP_SPEED = 40.0
+"""Beyond plus or minus this speed the *acceleration* is limited, m/s; speed itself never is."""
+FARTHEST = 131_072.0
+"""A road ends this far from x = 0 both ways, m: up to there float32 places are finer than 1 cm."""
 
 
 @dataclass(frozen=True)

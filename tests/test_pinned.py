@@ -1,0 +1,83 @@
+"""The same seed gives the same bytes whatever JAX's switches say, and leaves them as they were."""
+
+from contextlib import contextmanager
+
+import gymnasium
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from lanewise.envs import functional
+from lanewise.scenario import trap
+
+NO_TRAFFIC = {"vehicles_ahead": 0}
+
+
+@contextmanager
+def seed_offset(number):
+    jax.config.update("jax_random_seed_offset", number)
+    try:
+        yield
+    finally:
+        jax.config.update("jax_random_seed_offset", 0)
+
+
+SWITCHES = {
+    "jax_enable_x64": lambda: jax.enable_x64(True),
+    "jax_threefry_partitionable": lambda: jax.threefry_partitionable(False),
+    "jax_default_prng_impl": lambda: jax.default_prng_impl("rbg"),
+    "jax_random_seed_offset": lambda: seed_offset(7),
+    "jax_numpy_dtype_promotion": lambda: jax.numpy_dtype_promotion("strict"),
+    "jax_numpy_rank_promotion": lambda: jax.numpy_rank_promotion("raise"),
+    "jax_default_matmul_precision": lambda: jax.default_matmul_precision("bfloat16"),
+    "jax_debug_key_reuse": lambda: jax.debug_key_reuse(True),
+    "jax_disable_jit": lambda: jax.disable_jit(True),
+}
+
+
+def single():
+    env = gymnasium.make("lanewise:lanewise/TrapContinuous-v0", **NO_TRAFFIC)
+    shown = [env.reset(seed=3)[0]]
+    for action in ([0.0, 0.3], [1.0, -0.5]):
+        observation, reward, *_ = env.step(np.array(action))
+        shown += [observation, np.array([reward])]
+    return np.concatenate(shown)
+
+
+def several():
+    env = gymnasium.make_vec("lanewise:lanewise/Trap-v0", num_envs=2, **NO_TRAFFIC)
+    shown = [env.reset(seed=3)[0].ravel()]
+    for action in (4, 8):
+        observations, rewards, *_ = env.step(np.array([action, 4]))
+        shown += [observations.ravel(), rewards]
+    return np.concatenate(shown)
+
+
+def pure():
+    task = functional.make(**NO_TRAFFIC)
+    # The caller's own key; an offset is the caller's too.
+    state, shown = functional.reset(task, jax.random.key(5 - jax.config.jax_random_seed_offset))
+    state, after = functional.step(task, state, jnp.asarray(8))
+    looped = jax.jit(lambda state: functional.step(task, state, jnp.asarray(7)))(state)[1]
+    return np.concatenate([shown.observation, after.observation, looped.observation])
+
+
+def started():
+    return np.asarray(jax.random.key_data(trap.start_key(11, "test", 4)))
+
+
+@pytest.fixture(scope="module")
+def expected():
+    return {find: find() for find in (single, several, pure, started)}
+
+
+@pytest.mark.parametrize("name", SWITCHES)
+def test_a_switch_of_jax_changes_nothing(name, expected):
+    with SWITCHES[name]():
+        before = dict(jax.config.values)
+        found = {find: find() for find in expected}
+        assert dict(jax.config.values) == before
+        for find, numbers in expected.items():
+            assert found[find].dtype == numbers.dtype
+            np.testing.assert_array_equal(found[find], numbers, err_msg=find.__name__)
