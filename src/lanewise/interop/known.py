@@ -39,7 +39,8 @@ BEGINNING = frozenset(
 TECHNICAL = frozenset(
     {"__abstractmethods__", "_abc_impl", "__annotate__", "__annotate_func__", "__annotations__",
      "__annotations_cache__", "__dict__", "__doc__", "__firstlineno__", "__module__",
-     "__qualname__", "__repr__", "__static_attributes__", "__str__", "__weakref__"}
+     "__qualname__", "__repr__", "__slotnames__", "__static_attributes__", "__str__",
+     "__weakref__"}
 )  # fmt: skip
 """What Python itself notes in a class, and how an object prints."""
 
