@@ -71,13 +71,14 @@ class Evaluation:
         """Draw an episode from above into a .gif or .mp4.
 
         Raises:
-            LanewiseError: the file cannot be written, or a package of the extra ``report`` is
-                missing.
+            LanewiseError: the file cannot be written, or belongs to a run, or a package of the
+                extra ``report`` is missing.
         """
         from lanewise.report import clip
 
         place = PATH.check("path", path)
         clip.check_name(place)
+        files.check_writable(place)
         clip.render(self.record(episode), place)
 
     def save(self, path: Path | str) -> None:
@@ -87,7 +88,7 @@ class Evaluation:
             path: of the JSON; the CSV's ends in ``.csv`` instead.
 
         Raises:
-            LanewiseError: a file cannot be written, or ``path`` is the CSV's.
+            LanewiseError: a file cannot be written, or belongs to a run, or ``path`` is the CSV's.
         """
         place = PATH.check("path", path)
         if place.suffix.lower() == ".csv":

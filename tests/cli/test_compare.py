@@ -8,7 +8,9 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+import small_runs
 
+import lanewise
 from lanewise import config
 from lanewise.cli import main
 from lanewise.errors import LanewiseError
@@ -74,6 +76,47 @@ def refused(capsys, *words):
     assert output.out == ""
     assert len(output.err.splitlines()) <= 2
     return output.err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["evaluate", "s0", "--episodes-out", "s0/settings.toml"],
+        ["evaluate", "s0", "--episodes-out", "s1/new/episodes.csv"],
+        ["compare", "s0", "s1", "--markdown", "s0/run.json"],
+        ["compare", "s0", "s1", "--csv", "wide/c.csv"],
+        ["watch", "s0", "-o", "s0/clip.gif"],
+        ["export", "s0", "-o", "s0/policy.npz"],
+        ["sweep", "s0", "--out", "s0/map"],
+        ["bench", "world", "--out", "s0/bench.json"],
+        ["train", "single-level", "--out", "s0/again"],
+        ["reproduce", "--out", "s0/again"],
+    ],
+    ids=" ".join,
+)
+def test_no_command_writes_into_a_run(runs, capsys, words):
+    before = small_runs.everything(runs)
+    assert main(words) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "belongs to the run in " in said.err
+    assert said.err.endswith("; choose another place\n")
+    assert small_runs.everything(runs) == before
+
+
+def test_from_python_nothing_is_written_into_a_run(runs):
+    found = lanewise.evaluate("s0", episodes=2, quiet=True)
+    before = small_runs.everything(runs)
+    for write, name in ((found.save, "settings.json"), (found.clip, "clip.gif")):
+        with pytest.raises(LanewiseError, match=r"belongs to the run in .*s0; choose"):
+            write(f"s0/{name}")
+    assert small_runs.everything(runs) == before
+
+
+def test_tables_in_one_file_are_refused(runs, capsys):
+    said = refused(capsys, "s0", "s1", "--markdown", "c.md", "--csv", "./c.md")
+    assert "c.md is named for two results; give each its own file" in said
+    assert not (runs / "c.md").exists()
 
 
 @pytest.mark.slow

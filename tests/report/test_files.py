@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from lanewise.errors import LanewiseError
+from lanewise.errors import LanewiseError, RunError
 from lanewise.report import escape, extras, files, table
 
 
@@ -37,6 +37,33 @@ def test_what_cannot_be_written_is_refused_beforehand(tmp_path):
             files.check_writable(place)
     files.check_writable(tmp_path / "new" / "folder" / "a.csv")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("text", ['{"format": "lanewise-run"}', '{"format": "lanewise-run", "se'])
+def test_nothing_is_written_into_a_run(tmp_path, text):
+    """Be it damaged, and whatever name leads there."""
+    run = tmp_path / "run"
+    (run / "stages").mkdir(parents=True)
+    (run / "run.json").write_text(text)
+    (tmp_path / "link").symlink_to(run / "stages")
+    for place in (run / "run.json", run / "new" / "a.csv", tmp_path / "link" / "a.csv"):
+        for write in (files.check_writable, lambda place: files.write_text(place, "lost")):
+            with pytest.raises(RunError, match=r"belongs to the run in .*/run; choose another"):
+                write(place)
+    assert (run / "run.json").read_text() == text
+    assert {path.name for path in run.rglob("*")} == {"stages", "run.json"}
+
+
+def test_a_run_json_of_something_else_is_no_run(tmp_path):
+    (tmp_path / "run.json").write_text('{"runner": "mine"}')
+    files.check_writable(tmp_path / "a.csv")
+
+
+def test_one_file_holds_one_result(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(LanewiseError, match="is named for two results; give each its own file"):
+        files.check_writable("a.md", tmp_path / "new" / ".." / "a.md")
+    files.check_writable("a.md", "a.csv")
 
 
 @pytest.mark.parametrize("name", ["x" * 251 + ".csv", "." + "x" * 254, "ä" * 125 + ".txt"])

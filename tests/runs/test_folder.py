@@ -165,7 +165,7 @@ def test_settings_of_the_users_own_are_not_written_over(tmp_path):
 
 def test_no_run_is_made_inside_another(run):
     before = sorted(run.rglob("*"))
-    with pytest.raises(RunError, match=r"inside.* belongs to the run in .*run; choose another"):
+    with pytest.raises(RunError, match=r"inside belongs to the run in .*run; choose another"):
         RunFolder.create(run / "inside", Settings(), "hierarchical", 3)
     assert sorted(run.rglob("*")) == before
 

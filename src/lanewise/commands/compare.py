@@ -63,9 +63,7 @@ def run(parsed: Parsed[Compare]) -> int:
     settings = _settings(folders, command.scenario_of)
     from lanewise.report import files
 
-    for file in (command.markdown, command.csv):
-        if file is not None:
-            files.check_writable(file)
+    files.check_writable(*(file for file in (command.markdown, command.csv) if file is not None))
     from lanewise.evaluation import comparison
 
     entries = [

@@ -17,6 +17,7 @@ from lanewise.errors import RunError
 from lanewise.evaluation.grid import Outcome, Reach
 from lanewise.runs import lock
 from lanewise.runs.files import PARTIAL, OpenFolder, write_atomically
+from lanewise.runs.folder import require_outside
 
 _LARGEST = 1_000_000_000
 _FORMAT, _VERSION = "lanewise-sweep", 1
@@ -94,6 +95,7 @@ def check_place(path: Path) -> bool:
         RunError: says so.
     """
     out = path.parent
+    require_outside(out)
     if os.path.lexists(path):
         return True
     if out.exists():

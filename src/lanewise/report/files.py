@@ -10,6 +10,7 @@ from pathlib import Path
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.metrics import to_csv
+from lanewise.runs.folder import require_outside
 
 
 @contextmanager
@@ -21,9 +22,11 @@ def replacing(path: Path | str) -> Iterator[Path]:
         which some packages tell the format, unless it is a long one.
 
     Raises:
-        LanewiseError: if the file cannot be written (no room, no permission, a folder's name).
+        LanewiseError: if the file cannot be written (no room, no permission, a folder's name), or
+            belongs to a run.
     """
     path = Path(path)
+    require_outside(path)
     # Not its whole name, which with anything more may be longer than a folder bears.
     name = f"{zlib.crc32(os.fsencode(path.name)):08x}.{os.getpid()}"
     beside = path.with_name(f".{name}{path.suffix if len(path.suffix) < 10 else ''}")
@@ -40,14 +43,22 @@ def replacing(path: Path | str) -> Iterator[Path]:
             beside.unlink()
 
 
-def check_writable(path: Path | str) -> None:
-    """Refuses a file that could not be written, before the work whose result it is to hold.
+def check_writable(*paths: Path | str) -> None:
+    """Refuses files that could not be written, before the work whose results they are to hold.
 
     Raises:
-        LanewiseError: a folder has its name, or the name is too long, or its folder cannot be
-            written to.
+        LanewiseError: a folder has the name of one, or the name is too long, or its folder cannot
+            be written to; or it belongs to a run, or is named twice.
     """
-    path = Path(path)
+    places = [Path(path).absolute().parent.resolve() / Path(path).name for path in paths]
+    for path, place in zip(paths, places, strict=True):
+        if places.count(place) > 1:
+            raise LanewiseError(f"{path} is named for two results; give each its own file")
+        _check_writable(Path(path))
+
+
+def _check_writable(path: Path) -> None:
+    require_outside(path)
     # Path's own function fails where a name is too long.
     if os.path.isdir(path):
         raise LanewiseError(f"cannot write {path}: a folder has that name")

@@ -231,12 +231,29 @@ def stages_of(path: Path) -> Path:
     return path / STAGES
 
 
+def require_outside(path: Path) -> None:
+    """Refuses a place inside a run, whose files nobody else writes.
+
+    Raises:
+        RunError: Names the run.
+    """
+    for folder in path.absolute().parent.resolve().joinpath(path.name).parents:
+        try:
+            manifest = reading.contents(folder / "run.json", _LARGEST_MANIFEST)
+        except reading.UnreadableError:
+            continue
+        # Of a damaged run too.
+        if f'"{FORMAT}"'.encode() in manifest:
+            raise RunError(f"{path} belongs to the run in {folder}; choose another place")
+
+
 def require_empty(path: Path) -> None:
-    """Refuses a folder that holds anything.
+    """Refuses a folder that holds anything, or lies inside a run.
 
     Raises:
         RunError: Says what it holds and what to do.
     """
+    require_outside(path)
     if not path.exists() and not path.is_symlink():
         return
     if not path.is_dir():
