@@ -156,8 +156,9 @@ def die_amid(call, arguments, named):
 
 
 def die_after(call, arguments, named):
-    """The kill comes after the call."""
-    call(*arguments, **named)
+    """The kill comes after the call, whether it succeeds or not."""
+    with suppress(OSError):  # A file that is to be deleted need not be there.
+        call(*arguments, **named)
     os.kill(os.getpid(), signal.SIGKILL)
 
 
