@@ -3,7 +3,8 @@
 python campaigns/sameness.py --out results/trust/sameness.json
 
 Every controller is trained for a few chunks, with networks and batches of full size, in processes
-that differ in hash seed, number of threads, cores, folder, time zone, language and kept programs.
+that differ in hash seed, number of threads, cores, folder, time zone, language, kept programs and
+JAX's own switches.
 Tests are driven with few and many episodes. Then a second seed, which must differ in everything.
 """
 
@@ -39,6 +40,20 @@ SURROUNDINGS = {
     "XLA's own switch for one thread": {"XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false"},
     "programs kept": {"JAX_COMPILATION_CACHE_DIR": "kept"},
     "kept programs used": {"JAX_COMPILATION_CACHE_DIR": "kept"},
+    **{
+        f"{name}={value}": {name: value}
+        for name, value in (
+            ("JAX_ENABLE_X64", "1"),
+            ("JAX_THREEFRY_PARTITIONABLE", "0"),
+            ("JAX_DEFAULT_PRNG_IMPL", "rbg"),
+            ("JAX_RANDOM_SEED_OFFSET", "7"),
+            ("JAX_DEFAULT_MATMUL_PRECISION", "bfloat16"),
+            ("JAX_NUMPY_DTYPE_PROMOTION", "strict"),
+            ("JAX_NUMPY_RANK_PROMOTION", "raise"),
+            ("JAX_DEBUG_KEY_REUSE", "1"),
+            ("JAX_DISABLE_JIT", "1"),
+        )
+    },
 }
 """Changes to the environment of a process, by what they are called."""
 COUNTS = (1, 7, 100, 101, 230)

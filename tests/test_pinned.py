@@ -7,9 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import small_runs
 
+from lanewise import config, pinned
 from lanewise.envs import functional
 from lanewise.scenario import trap
+from lanewise.training import recipe, stage
 
 NO_TRAFFIC = {"vehicles_ahead": 0}
 
@@ -63,13 +66,20 @@ def pure():
     return np.concatenate([shown.observation, after.observation, looped.observation])
 
 
+def trained():
+    settings = config.compose(flags=small_runs.flags(1))
+    course = recipe.course(settings, recipe.RECIPES["single-level"][0])
+    state, _ = stage.advance(course, {}, stage.begin(course, {}, pinned.key(2)))
+    return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(state.learners)])
+
+
 def started():
     return np.asarray(jax.random.key_data(trap.start_key(11, "test", 4)))
 
 
 @pytest.fixture(scope="module")
 def expected():
-    return {find: find() for find in (single, several, pure, started)}
+    return {find: find() for find in (single, several, pure, trained, started)}
 
 
 @pytest.mark.parametrize("name", SWITCHES)

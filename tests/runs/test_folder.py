@@ -35,6 +35,33 @@ def test_new_and_empty_folders_will_do(tmp_path, path):
         assert folder.path.is_dir()
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "shown"),
+    [
+        (
+            "XLA_FLAGS",
+            "--xla_cpu_multi_thread_eigen=false --xla_cpu_enable_fast_math=true",
+            "XLA_FLAGS=--xla_cpu_enable_fast_math=true",
+        ),
+        ("JAX_DISABLE_MOST_OPTIMIZATIONS", "1", "JAX_DISABLE_MOST_OPTIMIZATIONS=1"),
+    ],
+)
+def test_a_run_goes_on_with_the_compiler_it_was_made_with(
+    run, tmp_path, monkeypatch, name, value, shown
+):
+    monkeypatch.setenv(name, value)
+    with pytest.raises(RunError, match=f"there none, here {shown}"):
+        RunFolder.resume(run)
+    other = tmp_path / "other"
+    RunFolder.create(other, Settings(), "hierarchical", 3).close()
+    RunFolder.resume(other).close()
+    monkeypatch.delenv(name)
+    with pytest.raises(RunError, match=f"there {shown}, here none"):
+        RunFolder.resume(other)
+    monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
+    RunFolder.resume(run).close()
+
+
 def test_a_run_is_not_overwritten(run):
     before = {path.name: path.read_bytes() for path in run.iterdir()}
     with pytest.raises(RunError, match="holds a run already; --resume continues it"):

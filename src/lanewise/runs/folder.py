@@ -31,6 +31,7 @@ from lanewise import config, cores, crosschecks, reading
 from lanewise.errors import RunError, SettingsError, brief
 from lanewise.ranges import SEEDS
 from lanewise.runs import lock
+from lanewise.runs.compiler import switches
 from lanewise.runs.files import PARTIAL, OpenFolder, write_atomically
 from lanewise.settings import Settings
 from lanewise.version import __version__
@@ -53,7 +54,7 @@ CHECKPOINTS, STAGES = "checkpoints", "stages"
 _FOLDERS = (CHECKPOINTS, STAGES, "tensorboard", "diverged")
 _FIELDS = {
     *("format", "version", "controller", "seed", "settings_digest", "lanewise", "parts"),
-    *("created", "digest"),
+    *("compiler", "created", "digest"),
 }
 """Of run.json. Folders made before it had a digest of its own lack that."""
 
@@ -75,6 +76,8 @@ class RunFolder:
     that a later version with one setting more still reads the run."""
     parts: tuple[str, ...] = ()
     """Names of the user's own functions it is trained with (`driving.parts.Parts.names`)."""
+    compiler: tuple[str, ...] = ()
+    """Switches of the compiler it was made with (`compiler.switches`)."""
     _held: OpenFolder | None = field(default=None, repr=False)
 
     @classmethod
@@ -110,7 +113,8 @@ class RunFolder:
         if isinstance(path, Path):
             path.mkdir(parents=True, exist_ok=True)
         held = lock.acquire(path, "training")
-        folder = cls(name, settings, controller, seed, config.digest(settings), parts, held)
+        digest = config.digest(settings)
+        folder = cls(name, settings, controller, seed, digest, parts, switches(), held)
         try:
             # Whoever had the lock just before may have made a run meanwhile.
             require_empty(name)
@@ -131,8 +135,10 @@ class RunFolder:
         manifest = _read_manifest(path)
         settings = _read_settings(path, manifest)
         digest = manifest["settings_digest"]
-        parts = tuple(manifest.get("parts", ()))
-        return cls(path, settings, manifest["controller"], manifest["seed"], digest, parts)
+        parts, compiler = (tuple(manifest.get(name, ())) for name in ("parts", "compiler"))
+        return cls(
+            path, settings, manifest["controller"], manifest["seed"], digest, parts, compiler
+        )
 
     @classmethod
     def resume(
@@ -146,7 +152,7 @@ class RunFolder:
 
         Raises:
             RunError: There is no run, another process holds it, or it was made with another
-                controller, seed or settings.
+                controller, seed, settings or switches of the compiler.
         """
         folder = cls.open(_name_of(path))
         if controller is not None and controller != folder.controller:
@@ -158,6 +164,12 @@ class RunFolder:
             raise RunError(
                 f"{folder.path} was made with other settings: there {difference}\n"
                 "  --resume without any settings takes those of the run"
+            )
+        if folder.compiler != switches():
+            made, now = (", ".join(given) or "none" for given in (folder.compiler, switches()))
+            raise RunError(
+                f"{folder.path} was made with other switches of the compiler: there {made}, "
+                f"here {now}\n  it would go on to other bits; set them as they were"
             )
         folder._held = lock.acquire(path, "training")
         return folder
@@ -231,6 +243,7 @@ class RunFolder:
             "settings_digest": self.digest,
             "lanewise": __version__,
             **({"parts": list(self.parts)} if self.parts else {}),
+            **({"compiler": list(self.compiler)} if self.compiler else {}),
             "created": datetime.now(UTC).isoformat(timespec="seconds"),
         }
         manifest["digest"] = reading.digest(manifest)
@@ -320,13 +333,15 @@ def _read_manifest(path: Path) -> dict[str, Any]:
 
 
 def _check_identity(file: Path, manifest: dict[str, Any]) -> None:
-    seed, parts = manifest.get("seed"), manifest.get("parts", [])
+    seed = manifest.get("seed")
     if manifest.get("controller") not in CONTROLLERS or type(seed) is not int:
         raise RunError(f"{file} is damaged: no controller or seed")
     if not 0 <= seed <= LARGEST_SEED:
         raise RunError(f"{file} is damaged: seed must be from 0 to {LARGEST_SEED}")
-    if not isinstance(parts, list) or not all(isinstance(part, str) for part in parts):
-        raise RunError(f"{file} is damaged: parts are no names")
+    for name in ("parts", "compiler"):
+        given = manifest.get(name, [])
+        if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
+            raise RunError(f"{file} is damaged: {name} holds no names")
     if unknown := manifest.keys() - _FIELDS:
         raise RunError(f'{file} is damaged: it has no field "{brief(min(unknown))}"')
     if "digest" in manifest and manifest["digest"] != reading.digest(manifest):
