@@ -265,6 +265,8 @@ def test_memory_is_asked_of_the_stages_that_are_trained():
     long = config.compose(flags={"h_dqn.high_level.learner.replay_capacity": 10_000_000})
     with pytest.raises(SettingsError, match=r"^h_dqn\.high_level\.learner.*need at least 2\.0 GiB"):
         crosschecks.check_memory(long, "h-dqn", 1 << 30)
+    with pytest.raises(SettingsError, match=r"need at least .* 60,000 numbers are observed"):
+        crosschecks.check_memory(Settings(), "planned", 1 << 30, 60_000)
     assert crosschecks.TRAINED.keys() == set(CONTROLLERS)
     for controller, sections in crosschecks.TRAINED.items():
         learn = [level for stage in recipe.RECIPES[controller] for level in stage.learns]

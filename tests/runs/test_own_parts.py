@@ -167,6 +167,7 @@ def test_parts_are_tried_in_full_before_a_run_is_made(tmp_path, parts, said):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_memory_is_asked_for_what_is_observed(tmp_path, monkeypatch):
     monkeypatch.setattr(cores, "memory", lambda: 1 << 25)
     wide = lanewise.Parts(observe=lambda settings, world: jnp.zeros(60_000))

@@ -133,7 +133,9 @@ class Parts:
         """Refuses the paper's success where there is nothing to get past."""
         if self.start is OURS.start or self.success is not OURS.success:
             return
-        if not _trap_cars(self.start, scenario, split, jax.random.key(0)).any():
+        with named(self.called("start")):
+            cars = _trap_cars(self.start, scenario, split, jax.random.key(0))
+        if not cars.any():
             raise SettingsError(
                 f"{self.called('start')} places no trap car (a CONSTANT driver), and the paper's "
                 "success is to get past them; give success= too"
