@@ -345,8 +345,11 @@ def test_a_job_writes_into_no_other_folder(tmp_path, monkeypatch, change, late):
 
     monkeypatch.setattr(work.testing, "test", break_in)
     with lock.held(out, "reproducing") as held:
+        identity = held.identity
         if not late:
             break_in()
+            with pytest.raises(RunError, match="out was moved, removed or replaced"):
+                identity.open()
         with pytest.raises(RunError, match="out was moved, removed or replaced"):
             work.run(job, work.Progress(stream=io.StringIO()), held)
     assert sorted(tmp_path.rglob("*")) == left

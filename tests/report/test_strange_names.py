@@ -101,7 +101,14 @@ def made(tmp_path, monkeypatch):
     for job in jobs:
         job.path.mkdir(parents=True)
         (job.path / work.SETTINGS).write_text(config.dump_toml(job.settings))
-        work._store(job.path, job.controller, "lanewise", make_episodes(), 1.0, work._origin(job))
+        work._store(
+            OpenFolder(job.path),
+            job.controller,
+            "lanewise",
+            make_episodes(),
+            1.0,
+            work._origin(job),
+        )
     monkeypatch.setattr(reporting.clip, "render", lambda recording, path: None)
     monkeypatch.setattr(results.SeedResult, "record", lambda self, episode=0: None)
     monkeypatch.setattr(

@@ -114,7 +114,7 @@ def test_no_whole_checkpoint_is_refused(copy, capsys):
 def test_a_full_disk_leaves_the_run_resumable(copy, whole, monkeypatch, capsys):
     def full(folder, name, content):
         (folder.path / name).write_bytes(content[: len(content) // 2])
-        raise OSError(28, "No space left on device", name)
+        raise OSError(28, "No space left on device", str(folder.path / name))
 
     with monkeypatch.context() as patch:
         patch.setattr(files, "_write", full)

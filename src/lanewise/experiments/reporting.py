@@ -24,8 +24,6 @@ from lanewise.runs.files import OpenFolder, publish
 
 REFERENCE = "single-level"
 """Arm that the others are held against."""
-
-
 REPORT = "report.md"
 """The page that is there once all of the report is."""
 

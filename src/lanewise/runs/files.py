@@ -104,8 +104,12 @@ class FolderIdentity:
         Raises:
             RunError: as `require`.
         """
-        self.require()
-        return OpenFolder(self.path)
+        with suppress(FileNotFoundError, NotADirectoryError):
+            folder = OpenFolder(self.path)
+            if folder.identity == self:
+                return folder
+            folder.close()
+        raise self._gone()
 
     def require(self) -> None:
         """Refuses another folder, or none, where this one was.
@@ -117,7 +121,10 @@ class FolderIdentity:
             status = os.stat(self.path)
             if (status.st_dev, status.st_ino) == (self.device, self.inode):
                 return
-        raise RunError(
+        raise self._gone()
+
+    def _gone(self) -> RunError:
+        return RunError(
             f"{self.path} was moved, removed or replaced; nothing more is written\n"
             "  a folder that was moved can be continued under its new name"
         )
