@@ -69,7 +69,7 @@ def test_outcomes_are_identical(controller, expected, monkeypatch):
 def test_the_rule_based_ego_drives_alike_in_both_worlds(monkeypatch):
     """Behind a gap wide enough to change lanes, so that it does more than follow."""
     monkeypatch.setattr(drive, "BLOCK", 4)
-    scenario = TrapSettings(ego_driver="rule-based", test_side_distance=-40.0, ego_speed=12.0)
+    scenario = TrapSettings(ego_driver="rule-based", test_side_distance=100.0, ego_speed=12.0)
     for one in (TrapSettings(ego_driver="rule-based"), scenario):
         course = Course(one, DrivingSettings(), RuleBased(), 50)
         ours, theirs = drive.test(course, {}, 3, 4), twin.test(course, {}, 3, 4)
