@@ -182,7 +182,8 @@ def test_results_are_not_written_to_folders(found, place):
         ({"accident_penalty": 1.0}, "driving.reward.accident_penalty is 1.0, not 10.0"),
         ({"parts": PARTS}, f"reward: {__name__}.hurry"),
     ],
-    ids=str,
+    # Not the text of a function, in which its address stands.
+    ids=lambda given: "-".join(given) if isinstance(given, dict) else "",
 )
 def test_the_published_figures_stand_beside_the_papers_test_alone(
     monkeypatch, found, settings, why
