@@ -98,8 +98,9 @@ class Evaluation:
             raise LanewiseError(
                 f"cannot write {place}: the episodes go there; let the metrics' name end in .json"
             )
+        files.check_writable(place)
         beside = place.with_suffix(".csv")
-        files.check_writable(place, beside)
+        files.check_writable(beside)
         files.write_text(place, json.dumps(self.summary.to_json(), indent=2) + "\n")
         files.write_csv(beside, self.episodes)
 
