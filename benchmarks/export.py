@@ -22,7 +22,7 @@ from lanewise import config
 from lanewise.controllers.settings import RENEWALS
 from lanewise.export import check, contents, formats
 from lanewise.learning import network
-from lanewise.report.provenance import machine, versions
+from lanewise.report.provenance import machine, source, versions
 from lanewise.runs import trained
 from lanewise.runs.trained import Trained
 from lanewise.training import recipe
@@ -88,6 +88,7 @@ def main():
         "seed": arguments.seed,
         "tie": check.TIE,
         "versions": versions() | {name: version(name) for name in ("onnx", "onnxruntime")},
+        **source(),
         "machine": machine(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "comparisons": measure(arguments.decisions, arguments.seed),

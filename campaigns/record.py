@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from lanewise.report.provenance import machine, versions
+from lanewise.report.provenance import machine, source, versions
 from lanewise.runs.files import write_atomically
 
 ROOT = Path(__file__).parents[1]
@@ -28,6 +28,7 @@ def store(path: Path, figures: dict, seed: int | None = None, packages=()) -> No
         "command": shlex.join(["python", *sys.argv]),
         "seed": seed,
         "versions": versions() | {name: version(name) for name in packages},
+        **source(),
         "machine": machine(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         **figures,

@@ -67,6 +67,7 @@ def main(
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": provenance.versions() | {name: version(name) for name in told.packages},
         "learner": list(told.packages),
+        **provenance.source(),
         "machine": provenance.machine(),
         "steps": given,
         "unit": told.unit,

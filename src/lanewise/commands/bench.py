@@ -116,6 +116,7 @@ def _provenance(command: Bench, peers: dict[str, str]) -> dict[str, Any]:
     return {
         "command": shell_line("lanewise", *sys.argv[1:]),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        **provenance.source(),
         "machine": provenance.machine(),
         "versions": provenance.versions() | peers,
         "seconds": command.seconds,

@@ -67,6 +67,7 @@ def _draw(
     """Write the report into an empty folder; its tables as text."""
     made = {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        **provenance.source(),
         "versions": provenance.versions(),
         "machine": provenance.machine(),
     }

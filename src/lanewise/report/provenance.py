@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from lanewise import cores
+from lanewise.version import commit, training
 
 PACKAGES = ("lanewise", "jax", "jaxlib", "optax", "numpy", "gymnasium", "highway-env")
 
@@ -19,6 +20,11 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return found
+
+
+def source() -> dict[str, Any]:
+    """The commit, whether its tree was clean, and the name of what its training computes."""
+    return commit() | {"training": training()}
 
 
 def machine() -> dict[str, Any]:

@@ -12,7 +12,7 @@ from lanewise.report.escape import cell as plain
 from lanewise.report.escape import code, finite
 from lanewise.report.files import write_text
 from lanewise.report.map import View, figure_of, write_map
-from lanewise.report.provenance import machine, versions
+from lanewise.report.provenance import machine, source, versions
 
 TITLES = {
     "all": "all starts",
@@ -87,6 +87,7 @@ def to_json(sweep: Sweep) -> dict[str, Any]:
         "training_seed": sweep.training_seed,
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": sweep.command,
+        **source(),
         "versions": versions(),
         "machine": machine(),
         "episodes_per_start": sweep.episodes,

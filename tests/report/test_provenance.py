@@ -1,0 +1,39 @@
+"""A result says which code made it."""
+
+import subprocess
+
+import pytest
+
+from lanewise import version
+from lanewise.report import provenance
+
+
+def git(place, *words):
+    command = ["git", "-C", str(place), "-c", "user.name=a", "-c", "user.email=a@b", *words]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+
+@pytest.fixture
+def checkout(tmp_path):
+    git(tmp_path, "init", "-q")
+    (tmp_path / "file").write_text("one")
+    git(tmp_path, "add", "file")
+    git(tmp_path, "commit", "-qm", "one")
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", ["file", "another"])
+def test_a_changed_or_new_file_makes_a_tree_unclean(checkout, name):
+    head = git(checkout, "rev-parse", "HEAD")
+    assert version.of_checkout(checkout) == {"commit": head, "clean_tree": True}
+    (checkout / name).write_text("two")
+    assert version.of_checkout(checkout) == {"commit": head, "clean_tree": False}
+
+
+def test_where_there_is_no_checkout_the_commit_is_unknown(tmp_path):
+    assert version.of_checkout(tmp_path) == {"commit": None, "clean_tree": None}
+
+
+def test_results_name_commit_tree_and_training():
+    assert list(provenance.source()) == ["commit", "clean_tree", "training"]
+    assert provenance.source()["training"] == version.training()
