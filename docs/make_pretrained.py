@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from lanewise.report.provenance import machine, source, versions
+from lanewise.report import provenance
 from lanewise.runs import metrics, shelf, trained
 from lanewise.training import host
 
@@ -41,9 +41,9 @@ def main() -> None:
         "validation": found[run],
         "candidates": {run.name: last(stages) for run, stages in found.items()},
         "tests": {path.stem: json.loads(path.read_text()) for path in run.glob("tests/*.json")},
-        **source(),
-        "versions": versions(),
-        "machine": machine(),
+        **provenance.source(),
+        "versions": provenance.versions(),
+        "machine": provenance.machine(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
     }
     (target / "provenance.json").write_text(json.dumps(story, indent=1) + "\n")
