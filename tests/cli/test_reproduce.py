@@ -1,4 +1,4 @@
-"""The main job, end to end, at the smallest size."""
+"""The main job, end to end, at the smallest size that is still the paper's test."""
 
 import json
 import shutil
@@ -12,7 +12,7 @@ from lanewise.experiments import schedule
 from lanewise.runs import lock
 
 TINY = [
-    *("--episodes", "3", "--highway-env-episodes", "1", "--evaluation.duration", "2"),
+    *("--episodes", "3", "--highway-env-episodes", "1"),
     *("--evaluation.validation-episodes", "2", "--planner.preview", "2"),
 ]
 for stage in ("single-level", "high-level", "low-level"):
