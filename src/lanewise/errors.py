@@ -33,7 +33,7 @@ class CheckpointError(LanewiseError):
 
 
 class ActionError(LanewiseError, ValueError):
-    """An action does not exist, or is none; Gymnasium's environments raise a ValueError."""
+    """There is no such action. It is also a ValueError, as Gymnasium's environments raise."""
 
 
 class NumbersError(LanewiseError):

@@ -130,7 +130,7 @@ class Parts:
                     raise self._wrong("start", what, _kind(array))
 
     def _check_trap(self, scenario: TrapSettings, split: str) -> None:
-        """Refuses the paper's success where there is nothing to get past."""
+        """Refuses the paper's success in a world without trap cars."""
         if self.start is OURS.start or self.success is not OURS.success:
             return
         with named(self.called("start")):
