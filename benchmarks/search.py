@@ -57,7 +57,7 @@ def main() -> None:
                 "loss",
             )
             print({name: report.chunk[name] for name in names}, flush=True)
-    parameters = host.result(now, plan.course.budget.keep)
+    parameters = host.result(plan, now)
     if options.keep:
         checkpoint.save(options.keep, stage.name, tree.flatten(parameters), {}, "search")
     episodes = drive.test(plan.validation, frozen | parameters, UNSEEN_SEED, EPISODES)

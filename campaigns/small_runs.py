@@ -41,6 +41,7 @@ def flags(chunks: int, epsilon_chunks: int | None = None) -> dict[str, object]:
         "evaluation.duration": 4,
         "evaluation.validation_episodes": 5,
         "evaluation.validation_interval": 2,
+        "evaluation.fresh_episodes": 5,
     }
     for part, values in (
         *((stage, budget | level) for stage in STAGES),

@@ -271,7 +271,9 @@ def _made_up(finished, stopped, seed):
 
 def _fill(run, whole):
     stages = recipe.RECIPES[run.controller]
-    ledger = dataclasses.asdict(host.Ledger(3, 300, 2, (1.5, float(run.seed)), (0.5,), 2))
+    ledger = dataclasses.asdict(
+        host.Ledger(3, 300, 2, (1.5, float(run.seed)), 1, (0.5,), (2,), (0.5,), 2)
+    )
     with MetricsWriter(run.metrics) as metrics:
         for number in (1, 2):
             metrics.append(_chunk(number))

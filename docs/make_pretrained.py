@@ -18,7 +18,7 @@ from typing import Any
 
 from lanewise.report import provenance
 from lanewise.runs import metrics, shelf, trained
-from lanewise.training import host
+from lanewise.training import selection
 
 KEPT = ("run.json", "settings.toml", "controller.json", "controller.safetensors")
 
@@ -70,7 +70,7 @@ def last(stages: dict[str, dict[str, Any]]) -> dict[str, Any]:
 def merit(validation: dict[str, Any]) -> float:
     """As training chooses between its own weights."""
     names = ("success_rate", "accident_rate", "reward")
-    return host.merit(*(validation[f"validation_{name}"] for name in names))
+    return selection.weighed(*(validation[f"validation_{name}"] for name in names))
 
 
 if __name__ == "__main__":

@@ -15,7 +15,8 @@ from lanewise.runs import checkpoint, records, resume, trained
 from lanewise.runs.folder import RunFolder
 from lanewise.training import recipe
 from lanewise.training import stage as stage_loop
-from lanewise.training.host import RECENT, Ledger
+from lanewise.training.host import Ledger
+from lanewise.training.selection import RECENT, WINDOW
 
 PLACE = Path("run", "checkpoints")
 
@@ -67,6 +68,7 @@ def test_a_stage_is_one_of_the_run(stage):
         ({"recent": 3}, "ledger's recent is no such thing"),
         ({"recent": [0.0] * (RECENT + 1)}, "ledger's recent is no such thing"),
         ({"recent": [float("nan")] * 3}, "ledger's recent is no such thing"),
+        ({"window": [0.0] * (WINDOW + 1)}, "ledger's window is no such thing"),
         ({"another": 0}, "holds no ledger"),
     ],
 )
@@ -86,6 +88,8 @@ def test_the_books_hold_counts_and_finite_numbers(ledger, change, says):
         ({"best_chunk": 0}, "best score and the chunk of that do not agree"),
         ({"best_score": ()}, "best score and the chunk of that do not agree"),
         ({"recent": (1.0,)}, "last rewards and episodes do not agree"),
+        ({"window": (0.5,)}, "last validations do not agree"),
+        ({"window": (0.5,), "window_chunks": (2,), "validations": 0}, "validations do not agree"),
     ],
 )
 def test_counts_that_contradict_one_another_are_refused(plan, ledger, change, says):
@@ -155,8 +159,8 @@ EPISODE = {
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"kind": "epoch"}, "line 1 is neither an episode nor a chunk"),
-        ({"kind": None}, "line 1 is neither an episode nor a chunk"),
+        ({"kind": "epoch"}, "line 1 is none of episode, chunk, weights"),
+        ({"kind": None}, "line 1 is none of episode, chunk, weights"),
         ({"luck": 3}, 'line 1 has a field "luck", which does not belong there'),
         ({"stage": 3}, "line 1 holds no stage"),
         ({"episode": -1}, "line 1 holds no episode"),

@@ -8,7 +8,7 @@ import pytest
 
 from lanewise.evaluation import drive
 from lanewise.runs import shelf, trained
-from lanewise.training import host, recipe
+from lanewise.training import recipe, selection
 
 NAMES = ("hierarchical", "single-level")
 
@@ -41,7 +41,7 @@ def test_they_drive_as_they_did_when_they_were_made(name):
 def test_they_were_chosen_on_validation_starts(name):
     def merit(figures):
         names = ("success_rate", "accident_rate", "reward")
-        return host.merit(*(figures[f"validation_{name}"] for name in names))
+        return selection.weighed(*(figures[f"validation_{name}"] for name in names))
 
     story = provenance(name)
     candidates = story["candidates"]

@@ -78,7 +78,7 @@ def test_each_entry_point_is_compiled_once():
     validation = drive.TestCourse(
         COURSE.scenario, COURSE.driving, COURSE.controller, 3, "validation"
     )
-    plan = StagePlan("one", COURSE, validation, 150, validation_interval=1)
+    plan = StagePlan("one", COURSE, validation, 150, validation_interval=1, fresh_episodes=1)
     entries = (stage.begin, stage.advance, drive.drive_block)
     progress = host.begin(plan, {}, jax.random.key(3))
     progress, _ = host.advance(plan, {}, progress)

@@ -171,10 +171,10 @@ def test_what_is_said(found, said):
 def test_a_bad_chunk_is_neither_booked_nor_validated(monkeypatch):
     """It ends in an error before its weights could count as the best."""
     budget = SimpleNamespace(worlds=2, keep="best-validation", decisions=600, episodes=0)
-    plan = StagePlan("step-2", SimpleNamespace(budget=budget, learning=()), None, 3, 1)
+    plan = StagePlan("step-2", SimpleNamespace(budget=budget, learning=()), None, 3, 1, 1)
     metrics = SimpleNamespace(finite=finite(reward=table((2, 1))), finished=None, levels={})
     monkeypatch.setattr(host.drive, "test", lambda *_: pytest.fail("validated"))
-    progress = StageProgress(None, {}, host.Ledger(chunks=4, decisions=400))
+    progress = StageProgress(None, {}, {}, host.Ledger(chunks=4, decisions=400))
     with pytest.raises(NumbersError, match=r"^step-2, chunk 5: a reward .* decision 404") as error:
         host.book(plan, {}, progress, None, metrics)
     assert error.value.found == (asdict(Finding("reward", iteration=2, world=1)),)

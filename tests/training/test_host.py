@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from lanewise.training import host as stages
+from lanewise.training import selection
 from lanewise.training.finite import Finite
 from lanewise.training.host import Ledger, StagePlan, StageProgress
 from lanewise.training.rollout import Finished
@@ -26,7 +27,7 @@ ALL_FINITE = Finite(
 def plan_of(keep, decisions=6 * CHUNK * WORLDS, episodes=0, interval=2):
     settings = StageSettings(decisions=decisions, episodes=episodes, worlds=WORLDS, keep=keep)
     course = SimpleNamespace(budget=settings, learning=(("q", settings),))
-    return StagePlan("step-1", course, None, 3, interval)
+    return StagePlan("step-1", course, None, 3, interval, fresh_episodes=20)
 
 
 def state_of(chunk):
@@ -75,7 +76,9 @@ def play(monkeypatch):
         monkeypatch.setattr(stages.stage, "advance", advance)
         monkeypatch.setattr(stages.drive, "test", test)
         monkeypatch.setattr(jax, "device_get", lambda tree: tree)
-        progress, reports = StageProgress(state_of(0), {"q": np.int32(0)}), []
+        weights = {"q": np.int32(0)}
+        window = selection.no_window(plan.course.budget.keep, weights)
+        progress, reports = StageProgress(state_of(0), weights, window), []
         while not plan.finished(progress.ledger):
             progress, report = stages.advance(plan, {}, progress)
             reports.append(report)
@@ -84,8 +87,9 @@ def play(monkeypatch):
     return run
 
 
-def kept(progress, keep):
-    return int(stages.result(progress, keep)["q"])
+def kept(plan, progress):
+    """Number of the chunk whose weights are handed on."""
+    return int(stages.result(plan, progress)["q"])
 
 
 def test_best_training_keeps_the_best_mean_of_the_last_ten_episodes(play):
@@ -100,8 +104,9 @@ def test_best_training_keeps_the_best_mean_of_the_last_ten_episodes(play):
         rewards += [chunk[at] for at in sorted(chunk)]
         scores.append(np.mean(rewards[-10:]) if len(rewards) >= 10 else -np.inf)
     validations = [(0, 0, 0)] * 6
-    progress, reports = play(plan_of("best-training"), chunks, validations)
-    assert kept(progress, "best-training") == int(np.argmax(scores)) + 1
+    plan = plan_of("best-training")
+    progress, reports = play(plan, chunks, validations)
+    assert kept(plan, progress) == int(np.argmax(scores)) + 1
     assert progress.ledger.best_score == pytest.approx((max(scores),))
     lines = [line for report in reports for line in report.episodes]
     assert [line["reward"] for line in lines] == pytest.approx(rewards)
@@ -127,30 +132,81 @@ def test_fewer_than_ten_episodes_have_no_score(play):
     progress, _ = play(plan, [{(0, 0): 9.0}, {(0, 0): 1.0}], [(0, 0, 0)])
     assert progress.ledger.best_score == ()
     # Nothing was ever best, so the last weights are handed on.
-    assert kept(progress, "best-training") == 2
+    assert kept(plan, progress) == 2
 
 
-def test_best_validation_weighs_success_accidents_and_reward(play):
-    # Chunks 2, 4, 6, 8 and, as the stage ends there, 9 are validated.
-    validations = [(6, 0, 1.0), (9, 2, 5.0), (8, 1, 4.9), (8, 1, 7.0), (9, 3, 7.0)]
-    plan = plan_of("best-validation", decisions=9 * CHUNK * WORLDS)
-    progress, reports = play(plan, [{}] * 9, validations)
-    assert kept(progress, "best-validation") == 8
-    assert progress.ledger.best_score == pytest.approx((0.7 + 7.0 / stages.REWARD_SCALE,))
+def test_a_score_weighs_success_accidents_and_reward(play):
+    plan = plan_of("best-validation", decisions=2 * CHUNK * WORLDS)
+    progress, reports = play(plan, [{}] * 2, [(8, 1, 7.0)])
+    assert progress.ledger.best_score == pytest.approx((0.7 + 7.0 / selection.REWARD_SCALE,))
+    assert reports[-1].chunk["validation_success_rate"] == pytest.approx(0.8)
+
+
+def test_best_validation_keeps_the_median_of_the_best_five_in_a_row(play):
+    successes = [1, 2, 3, 4, 5, 6, 7, 8, 6, 7, 2, 1]
+    plan = plan_of("best-validation", decisions=12 * CHUNK * WORLDS, interval=1)
+    progress, reports = play(plan, [{}] * 12, [(each, 0, 0.0) for each in successes])
+    medians = [np.median(successes[end - 5 : end]) for end in range(5, 13)]
+    assert progress.ledger.best_score == pytest.approx((max(medians) / 10,))
+    # 6, 7, 8, 6, 7 in chunks 6 to 10: the first 7 of them is in the middle.
+    assert kept(plan, progress) == 7
+    assert successes[kept(plan, progress) - 1] == max(medians)
+    # Before five validations nothing is chosen.
+    assert [report.chunk["best_chunk"] for report in reports][:5] == [0, 0, 0, 0, 3]
+
+
+@pytest.mark.parametrize("lucky", range(10))
+def test_one_lucky_validation_is_never_kept(play, lucky):
+    validations = [(0, 0, 3.0)] * 10
+    validations[lucky] = (10, 0, 20.0)
+    plan = plan_of("best-validation", decisions=10 * CHUNK * WORLDS, interval=1)
+    progress, _ = play(plan, [{}] * 10, validations)
+    assert kept(plan, progress) != lucky + 1
+    assert progress.ledger.best_score == pytest.approx((3.0 / selection.REWARD_SCALE,))
+
+
+def test_a_stage_of_few_validations_takes_the_median_of_those(play):
+    # Chunks 2, 4 and, as the stage ends there, 5 are validated.
+    plan = plan_of("best-validation", decisions=5 * CHUNK * WORLDS)
+    progress, reports = play(plan, [{}] * 5, [(9, 0, 0.0), (1, 0, 0.0), (4, 0, 0.0)])
+    assert kept(plan, progress) == 5
     validated = [r.chunk["chunk"] for r in reports if "validation_reward" in r.chunk]
-    assert validated == [2, 4, 6, 8, 9]
-    assert [r.chunk["best_chunk"] for r in reports if "best_chunk" in r.chunk] == [2, 4, 4, 8, 8]
+    assert validated == [2, 4, 5]
 
 
 def test_of_equal_scores_the_first_stays(play):
-    plan = plan_of("best-validation", decisions=4 * CHUNK * WORLDS)
-    progress, _ = play(plan, [{}] * 4, [(5, 0, 1.0), (5, 0, 1.0)])
-    assert kept(progress, "best-validation") == 2
+    plan = plan_of("best-validation", decisions=7 * CHUNK * WORLDS, interval=1)
+    progress, _ = play(plan, [{}] * 7, [(5, 0, 1.0)] * 7)
+    assert kept(plan, progress) == 3
+
+
+def test_kept_and_last_weights_are_compared_on_the_same_fresh_starts(play, monkeypatch):
+    validations = [(each, 0, 0.0) for each in (1, 2, 9, 9, 9, 1, 2, 1, 2)]
+    plan = plan_of("best-validation", decisions=9 * CHUNK * WORLDS, interval=1)
+    progress, _ = play(plan, [{}] * 9, validations)
+    asked = []
+
+    def test(course, parameters, seed, episodes):
+        asked.append((int(parameters["q"]), seed, episodes))
+        return SimpleNamespace(
+            success=np.arange(10) < parameters["q"],
+            accident=np.zeros(10, np.int8),
+            accumulated_reward=np.ones(10),
+            average_speed=np.full(10, 12.5),
+        )
+
+    monkeypatch.setattr(stages.drive, "test", test)
+    line = stages.compare(plan, {}, progress)
+    assert asked == [(9, stages.FRESH_SEED, 20), (line["kept_chunk"], stages.FRESH_SEED, 20)]
+    assert line["kept_chunk"] == kept(plan, progress) != line["last_chunk"] == 9
+    assert line["kept_success_rate"] == pytest.approx(line["kept_chunk"] / 10)
+    assert line["last_success_rate"] == pytest.approx(0.9)
 
 
 def test_last_keeps_the_last(play):
-    progress, _ = play(plan_of("last"), [{}] * 6, [(9, 0, 9.0), (0, 9, -9.0), (0, 9, -9.0)])
-    assert kept(progress, "last") == 6
+    plan = plan_of("last")
+    progress, _ = play(plan, [{}] * 6, [(9, 0, 9.0), (0, 9, -9.0), (0, 9, -9.0)])
+    assert kept(plan, progress) == 6
     assert progress.ledger.best_score == ()
 
 

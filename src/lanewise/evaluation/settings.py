@@ -16,3 +16,6 @@ class EvaluationSettings:
     """Greedy episodes on validation starts by which weights are chosen."""
     validation_interval: Annotated[int, Between(1, 1_000_000)] = 2
     """Chunks of training between validations."""
+    fresh_episodes: Annotated[int, Between(1, 100_000)] = 1_000
+    """Greedy episodes on validation starts by which no weights were chosen: the kept and the last
+    weights of each stage drive them when it is over."""

@@ -12,6 +12,7 @@ from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.figures import Drawn
 from lanewise.experiments.results import WORLDS, ArmResult, SeedResult
 from lanewise.report.arms import ArmFigures
+from lanewise.runs.kept import Kept
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,19 @@ class Content:
         """Whether tables want a row an arm: one seed of each controller needs no arms' names."""
         controllers = [result.arm.controller for result in self.results]
         return self.several_seeds or len(set(controllers)) < len(controllers)
+
+    @property
+    def kept(self) -> dict[str, list[tuple[int, Kept]]]:
+        """By stage of an arm, as people call it, what each seed handed on."""
+        found: dict[str, list[tuple[int, Kept]]] = {}
+        for result in self.results:
+            for seed in result.seeds:
+                stages = seed.kept
+                for each in stages:
+                    title = result.arm.title
+                    title += f", {each.stage}" if len(stages) > 1 else ""
+                    found.setdefault(title, []).append((seed.job.seed, each))
+        return found
 
     @property
     def paired(self) -> dict[str, dict[int, Paired]]:

@@ -15,7 +15,7 @@ from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.figures import COMPARED, FOLDER, SCHEDULES
 from lanewise.experiments.results import WORLDS, ArmResult, SeedResult
 from lanewise.report import arms as tables
-from lanewise.report import clip, page, provenance, table
+from lanewise.report import clip, page, provenance, table, weights
 from lanewise.report.curves import write_curves
 from lanewise.report.escape import cell, code
 from lanewise.report.files import write_text
@@ -132,6 +132,7 @@ def _markdown(content: Content) -> str:
         f"{code(content.command)}, {content.made['date']}",
         *_test_part(content),
         *_training_part(content),
+        *_weights_part(content),
         *_ledger_part(content),
         *_figure_part(content),
         *_reading_part(content),
@@ -187,6 +188,27 @@ def _training_part(content: Content) -> list[str]:
         "still explore. The paper does not say whether its reward is one a decision or one a "
         "second; episodes of step 2 may be shorter than those of the other stages (row 4 below).",
         tables.training(trained),
+    ]
+
+
+def _weights_part(content: Content) -> list[str]:
+    """Kept and last weights, and a line about each seed whose kept ones are an accident."""
+    stages = content.kept
+    if not stages:
+        return []
+    episodes = next(iter(stages.values()))[0][1].line["fresh_episodes"]
+    warnings = [
+        f"- **{cell(title)}, seed {seed}**: {cell(warning)}"
+        for title, seeds in stages.items()
+        for seed, kept in seeds
+        for warning in kept.warnings
+    ]
+    return [
+        "## Kept and last weights",
+        f"Greedy, on {episodes:,} validation starts by which no weights were chosen. *Chosen for* "
+        "is what the kept weights did in the validation they were chosen by.",
+        weights.table({title: [kept for _, kept in seeds] for title, seeds in stages.items()}),
+        "\n".join(warnings),
     ]
 
 

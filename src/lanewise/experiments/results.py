@@ -11,8 +11,9 @@ from lanewise.experiments import testing, work
 from lanewise.experiments.experiment import Arm, Experiment
 from lanewise.experiments.folder import RUNS
 from lanewise.experiments.work import Job, Test
-from lanewise.runs import metrics, trained
+from lanewise.runs import kept, metrics, trained
 from lanewise.runs.folder import RunFolder
+from lanewise.runs.kept import Kept
 from lanewise.runs.trained import Trained
 from lanewise.training import recipe
 
@@ -61,6 +62,11 @@ class SeedResult:
     def chunks(self) -> list[dict[str, Any]]:
         """The chunks of its last stage."""
         return self._of_last_stage("chunk")
+
+    @property
+    def kept(self) -> list[Kept]:
+        """What each stage of its own handed on."""
+        return kept.of_run(self.lines)
 
     def _of_last_stage(self, kind: str) -> list[dict[str, Any]]:
         stage = self.lines[-1]["stage"] if self.lines else ""

@@ -61,5 +61,6 @@ def _seed_json(seed: SeedResult) -> dict[str, Any]:
         "test_seconds": {world: test.seconds for world, test in seed.tests.items()},
         "paired": None if pair is None else pair.to_json(),
         "training": last,
+        "weights": [dict(kept.line) | {"chosen_for": kept.chosen_for} for kept in seed.kept],
         "effort": None if seed.effort is None else asdict(seed.effort),
     }

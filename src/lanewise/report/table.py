@@ -178,6 +178,17 @@ def bounds(metric: Metric, interval: Interval) -> str:
     return f"({low}, {high})"
 
 
+def spread(values: Sequence[float], digits: int) -> str:
+    """Mean of the known values over seeds, the lowest and the highest in parentheses."""
+    known = [value for value in values if isfinite(value)]
+    if not known:
+        return "-"
+    mean = f"{sum(known) / len(known):.{digits}f}"
+    if len(known) == 1:
+        return mean
+    return f"{mean} ({min(known):.{digits}f} to {max(known):.{digits}f})"
+
+
 def _scale(metric: Metric) -> float:
     return 100.0 if metric.rate else 1.0
 

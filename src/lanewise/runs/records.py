@@ -7,6 +7,8 @@ from lanewise.errors import RunError, brief
 from lanewise.runs import metrics
 
 LEVEL = ("updates", "transitions", "epsilon", "loss", "mean_q")
+FRESH = ("success_rate", "accident_rate", "reward", "speed")
+"""Figures of weights on validation starts by which none were chosen."""
 COLUMNS = {
     "episode": (
         *("stage", "episode", "decision", "success", "accident"),
@@ -18,12 +20,19 @@ COLUMNS = {
         *("validation_success_rate", "validation_accident_rate", "validation_reward"),
         *("best_chunk", *(f"high_level_{name}" for name in LEVEL)),
     ),
+    "weights": (
+        *("stage", "rule", "kept_chunk", "last_chunk", "fresh_episodes"),
+        *(f"{of}_{name}" for of in ("kept", "last") for name in FRESH),
+    ),
 }
 """Fields by kind of record, besides the kind itself."""
 _OPTIONAL = ("validation_", "best_chunk", "high_level_")
 """Begins what not every chunk has."""
-_TEXTS = ("kind", "stage", "accident")
-_COUNTS = ("episode", "decision", "decisions", "chunk", "episodes", "updates", "transitions")
+_TEXTS = ("kind", "stage", "accident", "rule")
+_COUNTS = (
+    *("episode", "decision", "decisions", "chunk", "episodes", "updates", "transitions"),
+    *("kept_chunk", "last_chunk", "fresh_episodes"),
+)
 _LARGEST_COUNT = 2**63
 
 
@@ -48,8 +57,8 @@ def read(path: Path, end: int | None = None, sha256: str | None = None) -> list[
 def _problem(record: dict[str, Any]) -> str:
     """What is wrong with a record; empty where nothing is."""
     kind = record.get("kind")
-    if kind not in ("episode", "chunk"):
-        return "is neither an episode nor a chunk"
+    if kind not in COLUMNS:
+        return f"is none of {', '.join(COLUMNS)}"
     for name in COLUMNS[kind]:
         if name not in record and not name.startswith(_OPTIONAL):
             return f"lacks {name}"

@@ -15,11 +15,16 @@ from lanewise.runs import checkpoint, records, trained, tree
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.templates import Template
 from lanewise.runs.trained import Mark
-from lanewise.training import recipe
+from lanewise.training import recipe, selection
 from lanewise.training import stage as stage_loop
-from lanewise.training.host import RECENT, Ledger, StagePlan, StageProgress
+from lanewise.training.host import Ledger, StagePlan, StageProgress
 
-_LISTS = {"recent": RECENT, "best_score": 1}
+_LISTS = {
+    "recent": selection.RECENT,
+    "window": selection.WINDOW,
+    "window_chunks": selection.WINDOW,
+    "best_score": 1,
+}
 """Of a ledger, and how many numbers each holds at most."""
 
 
@@ -66,14 +71,19 @@ def plan_of(folder: RunFolder, stage: recipe.Stage, parts: Parts = OURS) -> Stag
         validation=recipe.validation_course(settings, stage, parts),
         validation_episodes=settings.evaluation.validation_episodes,
         validation_interval=settings.evaluation.validation_interval,
+        fresh_episodes=settings.evaluation.fresh_episodes,
     )
 
 
 def restored(progress: StageProgress, found: checkpoint.Checkpoint) -> StageProgress:
     """The progress stored in a checkpoint; ``progress`` lends its structure."""
-    template: dict[str, Any] = {"state": progress.state, "best": progress.best}
-    stored = tree.unflatten(template, found.arrays)
-    return StageProgress(stored["state"], stored["best"], ledger_of(found.meta))
+    stored = tree.unflatten(arrays_of(progress), found.arrays)
+    return StageProgress(**stored, ledger=ledger_of(found.meta))
+
+
+def arrays_of(progress: StageProgress) -> dict[str, Any]:
+    """What a checkpoint holds of a stage, besides its books."""
+    return {"state": progress.state, "best": progress.best, "window": progress.window}
 
 
 def newest(
@@ -132,7 +142,9 @@ def blank(folder: RunFolder, index: int, parts: Parts = OURS) -> dict[str, Any]:
     state = jax.eval_shape(
         lambda levels: stage_loop.begin(plan.course, levels, pinned.key(0)), frozen
     )
-    return {"state": state, "best": stage_loop.online(state.learners)}
+    weights = stage_loop.online(state.learners)
+    window = selection.no_window(plan.course.budget.keep, weights)
+    return {"state": state, "best": weights, "window": window}
 
 
 def stage_of(meta: dict[str, Any], stages: int) -> int:
@@ -188,7 +200,9 @@ def _check_books(ledger: Ledger, plan: StagePlan) -> None:
         raise CheckpointError("its ledger counts more than there can be")
     if bool(ledger.best_score) != bool(ledger.best_chunk):
         raise CheckpointError("its best score and the chunk of that do not agree")
-    if len(ledger.recent) != min(ledger.episodes, RECENT):
+    if not len(ledger.window) == len(ledger.window_chunks) <= ledger.validations:
+        raise CheckpointError("its last validations do not agree")
+    if len(ledger.recent) != min(ledger.episodes, selection.RECENT):
         raise CheckpointError("its last rewards and episodes do not agree")
 
 

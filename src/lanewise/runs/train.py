@@ -18,7 +18,7 @@ from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import NumbersError, RunError, shell_line
 from lanewise.progress import Progress
-from lanewise.runs import checkpoint, diverged, resume, trained, tree
+from lanewise.runs import checkpoint, diverged, kept, metrics, resume, trained, tree
 from lanewise.runs.folder import CHECKPOINTS, RunFolder
 from lanewise.runs.metrics import MetricsWriter, keep_copy
 from lanewise.runs.resume import plan_of
@@ -175,9 +175,26 @@ def _run_stage(
                 saved = time.monotonic()
             if interrupts.asked:
                 raise KeyboardInterrupt
-    parameters = stages.result(progress, plan.course.budget.keep)
+    _compare(files, plan, frozen, progress, reporter)
+    parameters = stages.result(plan, progress)
     meta = {"ledger": asdict(progress.ledger), **Mark.after(files.metrics)}
     trained.save_stage(files.folder, stage, parameters, meta)
+
+
+def _compare(
+    files: _Files,
+    plan: StagePlan,
+    frozen: Parameters,
+    progress: StageProgress,
+    reporter: Progress,
+) -> None:
+    """Hold what a finished stage hands on against its last weights; say what is odd about it."""
+    _append(files, stages.compare(plan, frozen, progress))
+    files.metrics.sync()
+    files.folder.held.require_same()
+    found = kept.of_run(metrics.read(files.folder.metrics))[-1]
+    for warning in found.warnings:
+        reporter.note(warning)
 
 
 def _from(
@@ -202,8 +219,7 @@ def _write(files: _Files, report: stages.Report, seconds: float) -> None:
     # The open files stay those of the run, wherever it is; to go on would be in vain.
     files.folder.held.require_same()
     for line in (*report.episodes, report.chunk):
-        files.metrics.append(line)
-        files.views.append(line)
+        _append(files, line)
     chunk = report.chunk
     files.timings.append(
         {
@@ -213,6 +229,12 @@ def _write(files: _Files, report: stages.Report, seconds: float) -> None:
             "validation": round(report.validation_seconds, 4),
         }
     )
+
+
+def _append(files: _Files, line: dict[str, Any]) -> None:
+    """A line of metrics, in the file and wherever else people look."""
+    files.metrics.append(line)
+    files.views.append(line)
 
 
 def _figures(line: dict[str, Any]) -> dict[str, float]:
@@ -228,7 +250,7 @@ def _save(files: _Files, index: int, progress: StageProgress) -> None:
         checkpoint.save(
             place,
             checkpoint.checkpoint_name(index, progress.ledger.chunks),
-            tree.flatten({"state": progress.state, "best": progress.best}),
+            tree.flatten(resume.arrays_of(progress)),
             {
                 "stage": index,
                 "seed": files.folder.seed,

@@ -16,16 +16,14 @@ from lanewise.errors import NumbersError
 from lanewise.evaluation import drive
 from lanewise.evaluation.drive import TestCourse
 from lanewise.evaluation.episodes import ACCIDENTS, Episodes
-from lanewise.training import findings, stage
+from lanewise.training import findings, selection, stage
 from lanewise.training.rollout import Course, Finished
 from lanewise.training.stage import ChunkMetrics, StageState
 
-RECENT = 10
-"""Training episodes over which `best-training` averages (the paper's 10)."""
-REWARD_SCALE = 50.0
-"""In `best-validation`, this much more reward weighs as much as success in every episode."""
 VALIDATION_SEED = 0
 """Validation starts are the same for every seed and stage, so that weights compete fairly."""
+FRESH_SEED = 1
+"""Of validation starts by which no weights were chosen."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,13 @@ class Ledger:
     episodes: int = 0
     """Completed episodes."""
     recent: tuple[float, ...] = ()
-    """Rewards of the last `RECENT` completed episodes, ordered by (decision, world)."""
+    """Rewards of the last `selection.RECENT` completed episodes, ordered by (decision, world)."""
+    validations: int = 0
+    """Validations done."""
+    window: tuple[float, ...] = ()
+    """Scores of the last `selection.WINDOW` of them."""
+    window_chunks: tuple[int, ...] = ()
+    """When these were."""
     best_score: tuple[float, ...] = ()
     """Score of the best weights so far, compared in order; empty before the first."""
     best_chunk: int = 0
@@ -53,6 +57,8 @@ class StageProgress:
     state: StageState
     best: Parameters
     """The best parameters so far of the levels that learn."""
+    window: Parameters
+    """Those of the last validations (`selection.put`); empty where the rule looks at none."""
     ledger: Ledger = field(default_factory=Ledger)
 
 
@@ -78,6 +84,8 @@ class StagePlan:
     validation_episodes: int
     validation_interval: int
     """Chunks between validations."""
+    fresh_episodes: int
+    """Episodes on fresh validation starts when the stage is over."""
 
     @property
     def last_chunk(self) -> int | None:
@@ -107,7 +115,8 @@ class StagePlan:
 def begin(plan: StagePlan, frozen: Parameters, key: jax.Array) -> StageProgress:
     """The stage before its first chunk."""
     state = stage.begin(plan.course, frozen, key)
-    return StageProgress(state=state, best=jax.device_get(stage.online(state.learners)))
+    weights = jax.device_get(stage.online(state.learners))
+    return StageProgress(state, weights, selection.no_window(plan.course.budget.keep, weights))
 
 
 def advance(
@@ -147,21 +156,60 @@ def book(
     began = time.perf_counter()
     validation = _validate(plan, frozen, state, ledger)
     seconds = time.perf_counter() - began if validation is not None else 0.0
-    score = _score(plan, ledger, validation)
-    best = progress.best
-    if score and score > ledger.best_score:
-        best = jax.device_get(stage.online(state.learners))
-        ledger = replace(ledger, best_score=score, best_chunk=ledger.chunks)
-    line = _chunk_line(plan, ledger, metrics, lines, validation)
-    return StageProgress(state, best, ledger), Report(line, lines, seconds)
+    after = _select(plan, replace(progress, state=state, ledger=ledger), validation)
+    line = _chunk_line(plan, after.ledger, metrics, lines, validation)
+    return after, Report(line, lines, seconds)
 
 
-def result(progress: StageProgress, keep: str) -> Parameters:
+def result(plan: StagePlan, progress: StageProgress) -> Parameters:
     """The parameters the stage hands on, by level that learnt."""
-    if keep == "last" or not progress.ledger.best_score:
-        last: Parameters = jax.device_get(stage.online(progress.state.learners))
-        return last
+    if plan.course.budget.keep == "last" or not progress.ledger.best_score:
+        return last(progress)
     return progress.best
+
+
+def last(progress: StageProgress) -> Parameters:
+    """The parameters as they are now, by level that learns."""
+    now: Parameters = jax.device_get(stage.online(progress.state.learners))
+    return now
+
+
+def compare(plan: StagePlan, frozen: Parameters, progress: StageProgress) -> dict[str, Any]:
+    """A line about a finished stage: what it hands on and its last weights, on fresh starts.
+
+    Kept weights that do otherwise than the last ones, or than in the validation they were chosen
+    by, are an outlier of training.
+    """
+    ledger = progress.ledger
+    chosen = plan.course.budget.keep != "last" and bool(ledger.best_score)
+    line: dict[str, Any] = {
+        "kind": "weights",
+        "stage": plan.name,
+        "rule": plan.course.budget.keep,
+        "kept_chunk": ledger.best_chunk if chosen else ledger.chunks,
+        "last_chunk": ledger.chunks,
+        "fresh_episodes": plan.fresh_episodes,
+    }
+    found = _fresh(plan, frozen | last(progress))
+    line |= {f"last_{name}": value for name, value in found.items()}
+    if line["kept_chunk"] != ledger.chunks:
+        found = _fresh(plan, frozen | progress.best)
+    return line | {f"kept_{name}": value for name, value in found.items()}
+
+
+def _fresh(plan: StagePlan, parameters: Parameters) -> dict[str, float]:
+    """Figures of greedy episodes on validation starts by which no weights were chosen."""
+    found = drive.test(plan.validation, parameters, FRESH_SEED, plan.fresh_episodes)
+    return _figures(found) | {"speed": float(np.mean(found.average_speed))}
+
+
+def _figures(found: Episodes) -> dict[str, float]:
+    """What is told of a validation."""
+    return {
+        "success_rate": float(np.mean(found.success)),
+        "accident_rate": float(np.mean(found.accident > 0)),
+        "reward": float(np.mean(found.accumulated_reward)),
+    }
 
 
 def _check_numbers(plan: StagePlan, ledger: Ledger, metrics: ChunkMetrics) -> None:
@@ -182,7 +230,7 @@ def _booked(plan: StagePlan, ledger: Ledger, lines: list[dict[str, Any]]) -> Led
         chunks=ledger.chunks + 1,
         decisions=ledger.decisions + stage.CHUNK * plan.course.budget.worlds,
         episodes=ledger.episodes + len(lines),
-        recent=rewards[-RECENT:],
+        recent=rewards[-selection.RECENT :],
     )
 
 
@@ -203,21 +251,45 @@ def _validate(
         ) from None
 
 
-def _score(plan: StagePlan, ledger: Ledger, validation: Episodes | None) -> tuple[float, ...]:
-    """Score of the current weights by the stage's rule; empty where the rule has nothing to say."""
-    keep = plan.course.budget.keep
-    if keep == "best-validation" and validation is not None:
-        success, accidents = np.mean(validation.success), np.mean(validation.accident > 0)
-        reward = np.mean(validation.accumulated_reward)
-        return (merit(float(success), float(accidents), float(reward)),)
-    if keep == "best-training" and len(ledger.recent) == RECENT:
-        return (float(np.mean(ledger.recent)),)
-    return ()
+def _select(plan: StagePlan, progress: StageProgress, validation: Episodes | None) -> StageProgress:
+    """The progress with the weights that the stage's rule keeps now."""
+    keep, ledger = plan.course.budget.keep, progress.ledger
+    weights = stage.online(progress.state.learners)
+    if keep == "best-training" and len(ledger.recent) == selection.RECENT:
+        return _prefer(progress, float(np.mean(ledger.recent)), ledger.chunks, weights)
+    if keep != "best-validation" or validation is None:
+        return progress
+    progress = _validated(progress, selection.score(validation), weights)
+    ledger = progress.ledger
+    if len(ledger.window) < selection.WINDOW and not plan.finished(ledger):
+        return progress
+    place = selection.median_place(ledger.window)
+    number = ledger.validations - len(ledger.window) + place
+    weights = selection.taken(progress.window, number)
+    return _prefer(progress, ledger.window[place], ledger.window_chunks[place], weights)
 
 
-def merit(success_rate: float, accident_rate: float, reward: float) -> float:
-    """What weights are worth by their validation: success first, then reward (row 27)."""
-    return success_rate - accident_rate + reward / REWARD_SCALE
+def _validated(progress: StageProgress, score: float, weights: Parameters) -> StageProgress:
+    """The progress with one more validation in its window."""
+    ledger = progress.ledger
+    window = selection.put(progress.window, ledger.validations, jax.device_get(weights))
+    ledger = replace(
+        ledger,
+        validations=ledger.validations + 1,
+        window=(*ledger.window, score)[-selection.WINDOW :],
+        window_chunks=(*ledger.window_chunks, ledger.chunks)[-selection.WINDOW :],
+    )
+    return replace(progress, window=window, ledger=ledger)
+
+
+def _prefer(
+    progress: StageProgress, score: float, chunk: int, weights: Parameters
+) -> StageProgress:
+    """The progress with these weights as the best ones, if their score is the highest so far."""
+    if progress.ledger.best_score and score <= progress.ledger.best_score[0]:
+        return progress
+    ledger = replace(progress.ledger, best_score=(score,), best_chunk=chunk)
+    return replace(progress, best=jax.device_get(weights), ledger=ledger)
 
 
 def _episode_lines(plan: StagePlan, ledger: Ledger, finished: Finished) -> list[dict[str, Any]]:
@@ -292,10 +364,6 @@ def _chunk_line(
         "speed": mean([line["speed"] for line in lines]),
     }
     if validation is not None:
-        line |= {
-            "validation_success_rate": float(np.mean(validation.success)),
-            "validation_accident_rate": float(np.mean(validation.accident > 0)),
-            "validation_reward": float(np.mean(validation.accumulated_reward)),
-            "best_chunk": ledger.best_chunk,
-        }
+        line |= {f"validation_{name}": value for name, value in _figures(validation).items()}
+        line |= {"best_chunk": ledger.best_chunk}
     return line

@@ -21,7 +21,7 @@ class BudgetSettings:
     """Worlds driven at once."""
     keep: Annotated[str, OneOf(("best-training", "best-validation", "last"))] = "best-validation"
     """Which weights the stage hands on: best mean reward over 10 training episodes (the paper's
-    rule for step 1), best on validation starts, or the last."""
+    rule for step 1), the median of the best five validations in a row, or the last."""
 
 
 @dataclass(frozen=True)

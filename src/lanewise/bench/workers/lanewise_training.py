@@ -65,6 +65,7 @@ def plan(worlds: int, warm_up: int) -> StagePlan:
         validation=recipe.validation_course(settings, single_level),
         validation_episodes=0,
         validation_interval=1_000_000,
+        fresh_episodes=0,
     )
 
 

@@ -1,0 +1,64 @@
+"""The weights that a stage kept beside its last ones, and whether they are an accident.
+
+Both drive validation starts by which no weights were chosen (`training.host.compare`). Imports no
+JAX.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+FAR = 0.2
+"""Kept weights whose success or accidents are so far from the last ones' are an outlier."""
+OFF = 0.05
+"""Kept weights should do on fresh starts what they were chosen for, within this."""
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What one stage of a run handed on."""
+
+    line: Mapping[str, Any]
+    """Record of the metrics, of kind ``weights``."""
+    chosen_for: float | None
+    """Their success in the validation they were chosen by; None if they were chosen otherwise."""
+
+    @property
+    def stage(self) -> str:
+        """The stage's name."""
+        return str(self.line["stage"])
+
+    @property
+    def warnings(self) -> Iterator[str]:
+        """What is odd about the weights; often nothing."""
+        line = self.line
+        for name, what in (("success_rate", "success"), ("accident_rate", "accidents")):
+            kept, last = line[f"kept_{name}"], line[f"last_{name}"]
+            if abs(kept - last) > FAR:
+                yield (
+                    f"{what} {100 * kept:.1f} % with the kept weights, {100 * last:.1f} % with the "
+                    f"last ones: what is kept is not what {self.stage} came to"
+                )
+        kept = line["kept_success_rate"]
+        if self.chosen_for is not None and abs(kept - self.chosen_for) > OFF:
+            yield (
+                f"chosen for {100 * self.chosen_for:.1f} % success, the kept weights of "
+                f"{self.stage} have {100 * kept:.1f} % on {line['fresh_episodes']:,} fresh starts"
+            )
+
+
+def of_run(lines: Sequence[Mapping[str, Any]]) -> list[Kept]:
+    """By finished stage, in order; none of runs that did not look at it.
+
+    Args:
+        lines: the run's metrics.
+    """
+    return [Kept(line, _chosen_for(line, lines)) for line in lines if line["kind"] == "weights"]
+
+
+def _chosen_for(weights: Mapping[str, Any], lines: Sequence[Mapping[str, Any]]) -> float | None:
+    if weights["rule"] != "best-validation":
+        return None
+    place = ("chunk", weights["stage"], weights["kept_chunk"])
+    chunks = (line for line in lines if (line["kind"], line["stage"], line.get("chunk")) == place)
+    return next(float(line["validation_success_rate"]) for line in chunks)
