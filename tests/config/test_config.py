@@ -9,7 +9,7 @@ from lanewise import config, cores, crosschecks
 from lanewise.errors import SettingsError
 from lanewise.ranges import Between
 from lanewise.runs.folder import CONTROLLERS, RunFolder
-from lanewise.settings import PRESETS, TRAPS, Settings
+from lanewise.settings import PRESETS, STAGES, TRAPS, Settings
 from lanewise.training import recipe
 
 
@@ -45,7 +45,24 @@ def test_paper_preset_has_the_papers_budgets():
     assert paper.high_level.decisions == 0
     assert paper.low_level.exploration.steps == 1000
     # What a preset does not mention keeps its default.
-    assert paper.low_level.tracking_weight == 1.0
+    assert paper.low_level.learner.discount == 0.8
+
+
+@pytest.mark.parametrize("stage", [*STAGES, "h_dqn"])
+def test_paper_preset_adds_nothing_to_the_method(stage):
+    """One world and an update a decision; goals last till achieved; the external reward alone."""
+    paper = config.compose("paper")
+    budget = getattr(paper, stage)
+    assert (budget.worlds, budget.duration, budget.decisions) == (1, 250, 0)
+    levels = (budget,) if stage != "h_dqn" else (budget.high_level, budget.low_level)
+    for level in levels:
+        assert level.updates_per_step == 1.0
+        assert (level.learner.discount, level.learner.learning_rate) == (0.8, 1e-3)
+        assert (level.learner.batch_size, level.learner.replay_capacity) == (64, 50_000)
+    low = paper.low_level
+    assert (low.tracking_weight, low.approach_weight, low.goal_reward) == (0.0, 0.0, 0.0)
+    # No goal is given up: an episode is shorter than the limit.
+    assert paper.driving.decisions_in(paper.goals.time_limit) > budget.duration
 
 
 def test_later_layers_win(tmp_path):

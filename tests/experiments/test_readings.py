@@ -76,7 +76,7 @@ def test_at_the_papers_size_the_rows_say_what_was_used():
     assert "`*.decisions = 0`" in rows["28"]
     assert not any("twin" in cell for cell in rows.values())
     # Arms that differ from the others are named.
-    assert '(`"critic"` in *hierarchical, goals held by the critic*)' in rows["22a"]
+    assert '`"critic"` in *hierarchical, goals held in training*)' in rows["22a"]
 
 
 def test_each_stage_is_shown_with_its_own_value():
