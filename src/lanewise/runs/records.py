@@ -9,19 +9,19 @@ from lanewise.runs import metrics
 LEVEL = ("updates", "transitions", "epsilon", "loss", "mean_q")
 COLUMNS = {
     "episode": (
-        *("stage", "episode", "decision", "success", "accident"),
+        *("stage", "episode", "decision", "escaped", "success", "accident"),
         *("decisions", "reward", "timestep_reward", "speed"),
     ),
     "chunk": (
         *("stage", "chunk", "decisions", "episodes", *LEVEL),
-        *("success_rate", "accident_rate", "reward", "timestep_reward", "speed"),
-        *("validation_success_rate", "validation_accident_rate", "validation_reward"),
-        *("best_chunk", *(f"high_level_{name}" for name in LEVEL)),
+        *("escape_rate", "success_rate", "accident_rate", "reward", "timestep_reward", "speed"),
+        *("validation_escape_rate", "validation_success_rate", "validation_accident_rate"),
+        *("validation_reward", "best_chunk", *(f"high_level_{name}" for name in LEVEL)),
     ),
 }
 """Fields by kind of record, besides the kind itself."""
-_OPTIONAL = ("validation_", "best_chunk", "high_level_")
-"""Begins what not every chunk has."""
+_OPTIONAL = ("validation_", "best_chunk", "high_level_", "escape")
+"""Begins what not every record has; older ones lack the paper's success."""
 _TEXTS = ("kind", "stage", "accident")
 _COUNTS = ("episode", "decision", "decisions", "chunk", "episodes", "updates", "transitions")
 _LARGEST_COUNT = 2**63

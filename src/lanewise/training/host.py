@@ -234,6 +234,7 @@ def _episode_lines(plan: StagePlan, ledger: Ledger, finished: Finished) -> list[
                 + int(iteration) * plan.course.budget.worlds
                 + int(world)
                 + 1,
+                "escaped": bool(finished.escaped[at]),
                 "success": bool(finished.success[at]),
                 "accident": ACCIDENTS[int(finished.accident[at])],
                 "decisions": int(finished.decisions[at]),
@@ -285,6 +286,7 @@ def _chunk_line(
         "decisions": ledger.decisions,
         "episodes": ledger.episodes,
         **_level_figures(plan, metrics),
+        "escape_rate": mean([line["escaped"] for line in lines]),
         "success_rate": mean([line["success"] for line in lines]),
         "accident_rate": mean([line["accident"] != "none" for line in lines]),
         "reward": mean([line["reward"] for line in lines]),
@@ -293,6 +295,7 @@ def _chunk_line(
     }
     if validation is not None:
         line |= {
+            "validation_escape_rate": float(np.mean(validation.escaped)),
             "validation_success_rate": float(np.mean(validation.success)),
             "validation_accident_rate": float(np.mean(validation.accident > 0)),
             "validation_reward": float(np.mean(validation.accumulated_reward)),
