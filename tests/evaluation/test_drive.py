@@ -11,7 +11,7 @@ from lanewise.controllers.planned import Planned
 from lanewise.controllers.settings import GoalSettings, PlannerSettings
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.settings import DrivingSettings
-from lanewise.evaluation import drive
+from lanewise.evaluation import drive, metrics
 from lanewise.evaluation.drive import TestCourse as Course
 from lanewise.learning import network
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
@@ -149,6 +149,16 @@ def test_the_escape_time_is_the_first_and_an_accident_takes_success_away():
     np.testing.assert_allclose(found.average_speed, [10.0, 9.0, 9.0])
     # One reward at the end of the first second; the accident's is at the end of the next.
     assert found.accumulated_reward.tolist() == [1.0, 2.0, 2.0]
+
+
+def test_a_drive_past_the_trap_that_then_stops_has_the_papers_success_and_not_ours(monkeypatch):
+    """Both trap cars start behind an ego that brakes to a stop."""
+    monkeypatch.setattr(drive, "BLOCK", 1)
+    behind = replace(EMPTY, ego_speed=2.25, test_front_distance=-60.0)
+    found = drive.test(course_of(behind, Constant(action=1)), parameters(), 0, 1)
+    assert (found.accident.tolist(), found.escape_time.tolist()) == ([3], [0.5])
+    summary = metrics.summarise(found, controller="single-level", world="lanewise")
+    assert (summary.values["escape_rate"], summary.values["success_rate"]) == (1.0, 0.0)
 
 
 @pytest.mark.slow

@@ -39,6 +39,7 @@ def summary() -> metrics.Summary:
 @pytest.mark.parametrize(
     ("name", "value"),
     [
+        ("escape_rate", 0.5),
         ("success_rate", 0.5),
         ("accident_rate", 0.5),
         ("accumulated_reward", 3.0),
@@ -60,6 +61,15 @@ def test_no_accident_is_no_success():
     behind = dataclasses.replace(FOUR, success=np.array([True, False, False, False]))
     found = metrics.summarise(behind, controller="hierarchical", world="lanewise").values
     assert (found["success_rate"], found["accident_rate"]) == (0.25, 0.5)
+
+
+def test_who_passes_the_trap_and_then_crashes_has_the_papers_success_and_not_ours():
+    later = dataclasses.replace(FOUR, escape_time=np.array([14.0, 16.0, 3.0, np.nan]))
+    assert later.escaped.tolist() == [True, True, True, False]
+    found = metrics.summarise(later, controller="hierarchical", world="lanewise")
+    assert (found.values["escape_rate"], found.values["success_rate"]) == (0.75, 0.5)
+    # Clopper and Pearson's for 3 of 4, from tables.
+    assert found.intervals["escape_rate"] == pytest.approx((0.1941, 0.9937), abs=1e-4)
 
 
 def test_every_metric_is_computed_and_explained(summary):
@@ -90,8 +100,16 @@ def test_one_episode_without_goals_or_escape_has_no_nan_in_json():
     json.dumps(stored, allow_nan=False)
     assert stored["escape_time"] is None
     assert stored["goal_time_out_rate"] is None
-    assert set(stored["intervals"]) == {"success_rate", "accident_rate"}
+    assert set(stored["intervals"]) == {"escape_rate", "success_rate", "accident_rate"}
     assert math.isnan(metrics.Summary.from_json(stored).values["escape_time"])
+
+
+def test_a_summary_from_before_both_successes_is_read_without_the_papers(summary):
+    stored = summary.to_json()
+    del stored["escape_rate"], stored["intervals"]["escape_rate"]
+    again = metrics.Summary.from_json(stored)
+    assert "escape_rate" not in again.values
+    assert again.to_json() == stored
 
 
 def test_no_episode_is_refused():
@@ -100,27 +118,34 @@ def test_no_episode_is_refused():
 
 
 def test_published_table():
+    """The published success is by the paper's own definition, in training too."""
     assert metrics.PUBLISHED["single-level"] == {
-        "success_rate": 0.0,
+        "escape_rate": 0.0,
         "accident_rate": 0.0,
         "accumulated_reward": 3.32,
         "average_speed": 10.29,
         "travel_distance": 257.29,
     }
     assert metrics.PUBLISHED["hierarchical"] == {
-        "success_rate": 0.9767,
+        "escape_rate": 0.9767,
         "accident_rate": 0.0233,
         "accumulated_reward": 13.20,
         "average_speed": 13.42,
         "travel_distance": 331.60,
     }
+    assert {name: of["escaped"] for name, of in metrics.PUBLISHED_TRAINING.items()} == {
+        "single-level": 0.0,
+        "hierarchical": 0.6,
+    }
+    assert not any("success" in of for of in metrics.PUBLISHED_TRAINING.values())
 
 
 def test_published_interval():
     interval = metrics.published_interval("hierarchical", "accident_rate")
     assert interval == pytest.approx((0.0094, 0.0475), abs=5e-5)
     assert metrics.published_interval("hierarchical", "average_speed") is None
-    assert metrics.published_interval("other", "success_rate") is None
+    assert metrics.published_interval("hierarchical", "success_rate") is None
+    assert metrics.published_interval("other", "escape_rate") is None
 
 
 def test_paired_finds_each_difference():

@@ -185,6 +185,15 @@ def test_a_record_is_one_before_anything_is_made_of_it(tmp_path, change, says):
         records.read(path)
 
 
+def test_records_may_lack_the_papers_success_as_those_from_before_it_do(tmp_path):
+    path = tmp_path / "metrics.jsonl"
+    path.write_text(_line(EPISODE) + _line(EPISODE | {"escaped": True}))
+    assert [record.get("escaped") for record in records.read(path)] == [None, True]
+    path.write_text(_line(EPISODE | {"escaped": "yes"}))
+    with pytest.raises(RunError, match="line 1 holds no escaped"):
+        records.read(path)
+
+
 @pytest.mark.parametrize(
     ("text", "end", "says"),
     [

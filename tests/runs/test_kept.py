@@ -17,6 +17,8 @@ def lines(chosen=0.9, kept_success=0.9, last_success=0.9, kept_accidents=0.0, ru
         **{f"{of}_accident_rate": 0.0 for of in ("kept", "last")},
         "kept_success_rate": kept_success,
         "last_success_rate": last_success,
+        "kept_escape_rate": kept_success + kept_accidents,
+        "last_escape_rate": last_success,
     } | {"kept_accident_rate": kept_accidents}
     of = {"stage": "s", "rule": rule or "best-validation", "kept_chunk": 2, "last_chunk": 3}
     return [*chunks, {"kind": "weights", **of, "fresh_episodes": 1000, **figures}]
@@ -47,6 +49,7 @@ def test_the_table_holds_kept_and_last_side_by_side():
     seeds = [kept.of_run(lines(kept_success=share))[0] for share in (0.8, 1.0)]
     row = weights.table({"an arm": seeds}).splitlines()[2]
     assert "| best-validation | 90.0 (90.0 to 90.0) | 90.0 (80.0 to 100.0) | 90.0 (90.0" in row
+    assert row.count("|") == len(weights.HEADS) + 1
 
 
 def test_runs_from_before_say_nothing_of_it():

@@ -56,18 +56,20 @@ def play(monkeypatch):
 
         def advance(course, frozen, state):
             done.append(1)
+            chunk = next(chunk_metrics)
             nothing = SimpleNamespace(
                 updates=0, transitions=0, epsilon=0.1, loss=np.nan, mean_q=np.nan
             )
             return state_of(len(done)), SimpleNamespace(
                 levels={"q": nothing},
-                finished=finished_of(next(chunk_metrics)),
+                finished=chunk if isinstance(chunk, Finished) else finished_of(chunk),
                 finite=ALL_FINITE,
             )
 
         def test(*_):
             success, accident, reward = next(tests)
             return SimpleNamespace(
+                escaped=np.arange(10) < success + accident,
                 success=np.full(10, False) | (np.arange(10) < success),
                 accident=(np.arange(10) >= 10 - accident).astype(np.int8),
                 accumulated_reward=np.full(10, float(reward)),
@@ -174,6 +176,20 @@ def test_a_stage_of_few_validations_takes_the_median_of_those(play):
     assert validated == [2, 4, 5]
 
 
+def test_lines_tell_the_papers_success_from_ours(play):
+    """Two episodes pass the trap, one of them crashes later; so do six and five in validation."""
+
+    facts = finished_of({(0, 0): 9.0, (1, 0): 1.0, (2, 0): 2.0})
+    facts.escaped[:2, 0] = facts.success[0, 0] = facts.accident[1, 0] = 1
+    _, (report,) = play(plan_of("last", decisions=CHUNK * WORLDS), [facts], [(5, 1, 1.0)])
+    told = [(line["escaped"], line["success"]) for line in report.episodes]
+    assert told == [(True, True), (True, False), (False, False)]
+    rates = [report.chunk[f"{name}_rate"] for name in ("escape", "success", "accident")]
+    assert rates == pytest.approx([2 / 3, 1 / 3, 1 / 3])
+    assert report.chunk["validation_escape_rate"] == pytest.approx(0.6)
+    assert report.chunk["validation_success_rate"] == pytest.approx(0.5)
+
+
 def test_of_equal_scores_the_first_stays(play):
     plan = plan_of("best-validation", decisions=7 * CHUNK * WORLDS, interval=1)
     progress, _ = play(plan, [{}] * 7, [(5, 0, 1.0)] * 7)
@@ -189,6 +205,7 @@ def test_kept_and_last_weights_are_compared_on_the_same_fresh_starts(play, monke
     def test(course, parameters, seed, episodes):
         asked.append((int(parameters["q"]), seed, episodes))
         return SimpleNamespace(
+            escaped=np.ones(10, bool),
             success=np.arange(10) < parameters["q"],
             accident=np.zeros(10, np.int8),
             accumulated_reward=np.ones(10),

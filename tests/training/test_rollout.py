@@ -257,6 +257,7 @@ def test_an_accident_takes_success_away():
         tally = rollout.Tally(jnp.float32(1.0), jnp.float32(2.0), jnp.float32(40.0))
         found = rollout._finish(state, outcome, tally, jnp.bool_(True))
         assert bool(found.success) != terminated
+        assert bool(found.escaped)
         assert float(found.average_speed) == 10.0
 
 

@@ -38,6 +38,11 @@ class Episodes:
     def __len__(self) -> int:
         return len(self.success)
 
+    @property
+    def escaped(self) -> NDArray[np.bool_]:
+        """[E] the paper's success: past every trap car at some time, whatever happened later."""
+        return ~np.isnan(self.escape_time)
+
 
 @dataclass(frozen=True)
 class Recording:

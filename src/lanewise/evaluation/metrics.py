@@ -71,15 +71,24 @@ def _goal_time_out_rate(episodes: Episodes) -> tuple[float, Interval]:
 
 METRICS = (
     Metric(
+        "escape_rate",
+        "success (paper)",
+        "",
+        "share of episodes in which the ego's rear passed the front of every trap car before the "
+        "episode ended; an accident later does not count against it",
+        lambda episodes: _share(episodes.escaped),
+        rate=True,
+        single_level=0.0,
+        hierarchical=0.9767,
+    ),
+    Metric(
         "success_rate",
         "success",
         "",
         "share of episodes in which the ego's rear passed the front of every trap car and no "
-        "accident happened",
+        "accident happened, not even later (stricter than the paper's)",
         lambda episodes: _share(episodes.success),
         rate=True,
-        single_level=0.0,
-        hierarchical=0.9767,
     ),
     Metric(
         "accident_rate",
@@ -143,7 +152,7 @@ METRICS = (
         rate=True,
     ),
 )
-"""Every metric, in the order of the tables; the first five are the paper's."""
+"""Every metric, in the order of the tables."""
 
 PUBLISHED: dict[str, dict[str, float]] = {
     "single-level": {m.name: m.single_level for m in METRICS if m.single_level is not None},
@@ -156,8 +165,8 @@ TRAINING_WINDOW = 50
 """Last training episodes behind the paper's training table."""
 
 PUBLISHED_TRAINING: dict[str, dict[str, float]] = {
-    "single-level": {"reward": 25.82, "speed": 10.89, "success": 0.0},
-    "hierarchical": {"reward": 47.94, "speed": 13.089, "success": 0.6},
+    "single-level": {"reward": 25.82, "speed": 10.89, "escaped": 0.0},
+    "hierarchical": {"reward": 47.94, "speed": 13.089, "escaped": 0.6},
 }
 """The paper's training phase: means of the last episodes over 5 runs."""
 
@@ -173,7 +182,8 @@ class Summary:
     episodes: int
     """Number of test episodes."""
     values: Mapping[str, float]
-    """By metric; NaN where there is nothing to average."""
+    """By metric; NaN where there is nothing to average. Summaries that were stored before a metric
+    was there lack it."""
     accidents: Mapping[str, int]
     """Episodes by cause: collision, off_road, stopped."""
     intervals: Mapping[str, Interval]

@@ -7,6 +7,7 @@ from lanewise.report.table import spread
 from lanewise.runs.kept import Kept
 
 SHOWN = (
+    ("escape_rate", "success (paper), %", 100.0, 1),
     ("success_rate", "success, %", 100.0, 1),
     ("accident_rate", "accidents, %", 100.0, 1),
     ("reward", "reward, 1 a second", 1.0, 2),

@@ -7,18 +7,18 @@ from lanewise.errors import RunError, brief
 from lanewise.runs import metrics
 
 LEVEL = ("updates", "transitions", "epsilon", "loss", "mean_q")
-FRESH = ("success_rate", "accident_rate", "reward", "speed")
+FRESH = ("escape_rate", "success_rate", "accident_rate", "reward", "speed")
 """Figures of weights on validation starts by which none were chosen."""
 COLUMNS = {
     "episode": (
-        *("stage", "episode", "decision", "success", "accident"),
+        *("stage", "episode", "decision", "escaped", "success", "accident"),
         *("decisions", "reward", "timestep_reward", "speed"),
     ),
     "chunk": (
         *("stage", "chunk", "decisions", "episodes", *LEVEL),
-        *("success_rate", "accident_rate", "reward", "timestep_reward", "speed"),
-        *("validation_success_rate", "validation_accident_rate", "validation_reward"),
-        *("best_chunk", *(f"high_level_{name}" for name in LEVEL)),
+        *("escape_rate", "success_rate", "accident_rate", "reward", "timestep_reward", "speed"),
+        *("validation_escape_rate", "validation_success_rate", "validation_accident_rate"),
+        *("validation_reward", "best_chunk", *(f"high_level_{name}" for name in LEVEL)),
     ),
     "weights": (
         *("stage", "rule", "kept_chunk", "last_chunk", "fresh_episodes"),
@@ -26,8 +26,8 @@ COLUMNS = {
     ),
 }
 """Fields by kind of record, besides the kind itself."""
-_OPTIONAL = ("validation_", "best_chunk", "high_level_")
-"""Begins what not every chunk has."""
+_OPTIONAL = ("validation_", "best_chunk", "high_level_", "escape")
+"""Begins what not every record has; older ones lack the paper's success."""
 _TEXTS = ("kind", "stage", "accident", "rule")
 _COUNTS = (
     *("episode", "decision", "decisions", "chunk", "episodes", "updates", "transitions"),

@@ -206,6 +206,7 @@ def _fresh(plan: StagePlan, parameters: Parameters) -> dict[str, float]:
 def _figures(found: Episodes) -> dict[str, float]:
     """What is told of a validation."""
     return {
+        "escape_rate": float(np.mean(found.escaped)),
         "success_rate": float(np.mean(found.success)),
         "accident_rate": float(np.mean(found.accident > 0)),
         "reward": float(np.mean(found.accumulated_reward)),
@@ -306,6 +307,7 @@ def _episode_lines(plan: StagePlan, ledger: Ledger, finished: Finished) -> list[
                 + int(iteration) * plan.course.budget.worlds
                 + int(world)
                 + 1,
+                "escaped": bool(finished.escaped[at]),
                 "success": bool(finished.success[at]),
                 "accident": ACCIDENTS[int(finished.accident[at])],
                 "decisions": int(finished.decisions[at]),
@@ -357,6 +359,7 @@ def _chunk_line(
         "decisions": ledger.decisions,
         "episodes": ledger.episodes,
         **_level_figures(plan, metrics),
+        "escape_rate": mean([line["escaped"] for line in lines]),
         "success_rate": mean([line["success"] for line in lines]),
         "accident_rate": mean([line["accident"] != "none" for line in lines]),
         "reward": mean([line["reward"] for line in lines]),

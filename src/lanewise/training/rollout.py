@@ -58,8 +58,10 @@ class Finished:
 
     done: Array
     """bool []."""
+    escaped: Array
+    """bool [] the paper's success: past every trap car, whatever happened later."""
     success: Array
-    """bool []."""
+    """bool [] and no accident, not even later."""
     accident: Array
     """int32 []."""
     decisions: Array
@@ -218,6 +220,7 @@ def _finish(state: Episode, outcome: Outcome, tally: Tally, done: Array) -> Fini
     """The facts of the episode as it stands."""
     return Finished(
         done=done,
+        escaped=state.escaped,
         success=state.escaped & ~outcome.terminated,
         accident=outcome.accident,
         decisions=state.decisions,
