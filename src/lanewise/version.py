@@ -65,6 +65,14 @@ def source() -> dict[str, Any]:
     return commit() | {"training": training()}
 
 
+def commit_of(source: Mapping[str, Any]) -> str:
+    """The commit of a source, for people."""
+    if not source.get("commit"):
+        return "no commit recorded"
+    changed = "" if source["clean_tree"] else " with changes"
+    return f"commit {source['commit'][:7]}{changed}"
+
+
 def remembered(stored: Mapping[str, Any]) -> dict[str, Any]:
     """What a stored result says of the code that made it, as `source`; empty where it says nothing.
 

@@ -220,6 +220,18 @@ class RunFolder:
             remedy = f"leave out {'; '.join(parts)}"
         raise RunError(f"{self.path} was made with {made}\n  {remedy}")
 
+    def other_code(self) -> str:
+        """A warning if this code trains otherwise than that which made the run; else empty."""
+        made, here = self.source.get("training"), version.training()
+        if made in (None, here):
+            return ""
+        return (
+            f"{self.path} was made by code that trains otherwise (training {made}, "
+            f"{version.commit_of(self.source)}; here training {here}): it may end in other bits "
+            "than a run that never stopped; to avoid that, go on with that code, or train anew in "
+            "another folder"
+        )
+
     def close(self) -> None:
         """Gives the lock back."""
         if self._held is not None:
