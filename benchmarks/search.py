@@ -18,6 +18,7 @@ import numpy as np
 
 from lanewise import config
 from lanewise.evaluation import drive, metrics
+from lanewise.report.provenance import machine, source, versions
 from lanewise.runs import checkpoint, tree
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.train import plan_of
@@ -65,6 +66,9 @@ def main() -> None:
         "stage": stage.name,
         "seed": options.seed,
         "changes": changes,
+        **source(),
+        "versions": versions(),
+        "machine": machine(),
         "seconds": round(time.monotonic() - began, 1),
         "best_chunk": now.ledger.best_chunk,
         "escape_time": float(np.nanmean(episodes.escape_time)),

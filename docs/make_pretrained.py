@@ -37,7 +37,7 @@ def main() -> None:
     story = {
         "controller": controller.name,
         "seed": controller.seed,
-        "training": json.loads((run / "run.json").read_text()),
+        "run": json.loads((run / "run.json").read_text()),
         "validation": found[run],
         "candidates": {run.name: last(stages) for run, stages in found.items()},
         "tests": {path.stem: json.loads(path.read_text()) for path in run.glob("tests/*.json")},

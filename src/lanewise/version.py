@@ -2,7 +2,9 @@
 
 import hashlib
 import json
+import re
 import subprocess
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,9 @@ BUILT_FROM = "commit.json"
 """File that a build leaves in the installed package (`hatch_build.py`)."""
 FIRST_UPDATES = PACKAGE / "first_updates.json"
 """What the first 200 updates of each training compute (`tests/training/first_updates.py`)."""
+SOURCE = ("commit", "clean_tree", "training")
+"""Fields by which a result says which code made it (`source`)."""
+_COMMIT, _TRAINING = re.compile("[0-9a-f]{40,64}"), re.compile("[0-9a-f]{12}")
 
 
 @cache
@@ -34,16 +39,16 @@ def commit() -> dict[str, Any]:
 
 def of_checkout(root: Path) -> dict[str, Any]:
     """As `commit`, of the checkout in a folder."""
+    # Without its lock on the index, git does not disturb a commit that is made meanwhile.
+    git = ["git", "--no-optional-locks", "-C", str(root)]
     try:
         head, changes = (
-            subprocess.run(
-                ["git", "-C", str(root), *words], capture_output=True, text=True, check=True
-            ).stdout
+            subprocess.run([*git, *words], capture_output=True, check=True).stdout
             for words in (["rev-parse", "HEAD"], ["status", "--porcelain"])
         )
     except (OSError, subprocess.CalledProcessError):
         return {"commit": None, "clean_tree": None}
-    return {"commit": head.strip(), "clean_tree": not changes}
+    return {"commit": head.decode("ascii").strip(), "clean_tree": not changes}
 
 
 @cache
@@ -53,3 +58,39 @@ def training() -> str:
     Two results of one name were trained by code that agrees in its first updates.
     """
     return hashlib.sha256(FIRST_UPDATES.read_bytes()).hexdigest()[:12]
+
+
+def source() -> dict[str, Any]:
+    """The commit, whether its tree was clean, and the name of what its training computes."""
+    return commit() | {"training": training()}
+
+
+def commit_of(source: Mapping[str, Any]) -> str:
+    """The commit of a source, for people."""
+    if not source.get("commit"):
+        return "no commit recorded"
+    changed = "" if source["clean_tree"] else " with changes"
+    return f"commit {source['commit'][:7]}{changed}"
+
+
+def remembered(stored: Mapping[str, Any]) -> dict[str, Any]:
+    """What a stored result says of the code that made it, as `source`; empty where it says nothing.
+
+    Raises:
+        ValueError: it says what no code could.
+    """
+    found = {name: stored[name] for name in SOURCE if name in stored}
+    if not found:
+        return {}
+    commit, clean, training = (found.get(name, "") for name in SOURCE)
+    if not (
+        (commit is None or _named(_COMMIT, commit))
+        and (clean is None or isinstance(clean, bool))
+        and _named(_TRAINING, training)
+    ):
+        raise ValueError("it does not say which code made it")
+    return found
+
+
+def _named(pattern: re.Pattern[str], name: Any) -> bool:
+    return isinstance(name, str) and pattern.fullmatch(name) is not None

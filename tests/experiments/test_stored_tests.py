@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from strangers_files import FLAGS, _episodes
 
-from lanewise import config, reading
+from lanewise import config, reading, version
 from lanewise.errors import RunError
 from lanewise.experiments import experiment, results, work
 from lanewise.runs import trained
@@ -123,6 +123,27 @@ def test_a_test_without_its_weights_is_refused(jobs):
     (job.path / "controller.json").unlink()
     with pytest.raises(RunError, match=r"lanewise\.json cannot be told .*; delete it"):
         _ = job.done
+
+
+def test_a_test_remembers_code_versions_and_machine(jobs):
+    stored = json.loads((jobs["planned, seed 0"].path / work.TESTS / "lanewise.json").read_text())
+    assert {name: stored[name] for name in version.SOURCE} == version.source()
+    assert "jax" in stored["versions"]
+    assert stored["machine"]["cores"]
+
+
+def test_a_test_from_before_tests_remembered_their_code_is_read(jobs):
+    job = jobs["planned, seed 0"]
+    names = (*version.SOURCE, "versions", "machine")
+    sign(job.path / work.TESTS / "lanewise.json", **dict.fromkeys(names))
+    assert work.read_test(job, "lanewise").summary.episodes == 40
+
+
+def test_a_test_of_code_that_cannot_be_is_refused(jobs):
+    job = jobs["planned, seed 0"]
+    sign(job.path / work.TESTS / "lanewise.json", training="x")
+    with pytest.raises(RunError, match=r"lanewise\.json is damaged; delete it"):
+        work.read_test(job, "lanewise")
 
 
 def test_tests_from_before_are_read_but_for_those_of_another_controller(jobs):

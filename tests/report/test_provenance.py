@@ -1,6 +1,8 @@
 """A result says which code made it."""
 
+import os
 import subprocess
+import sys
 
 import pytest
 
@@ -32,6 +34,27 @@ def test_a_changed_or_new_file_makes_a_tree_unclean(checkout, name):
 
 def test_where_there_is_no_checkout_the_commit_is_unknown(tmp_path):
     assert version.of_checkout(tmp_path) == {"commit": None, "clean_tree": None}
+
+
+def test_without_git_the_commit_is_unknown(checkout, monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    assert version.of_checkout(checkout) == {"commit": None, "clean_tree": None}
+
+
+@pytest.mark.skipif(sys.platform == "darwin", reason="its file names are text")
+def test_a_file_whose_name_is_no_text_is_a_change(checkout):
+    (checkout / os.fsdecode(b"f\xff")).touch()
+    git(checkout, "config", "core.quotePath", "false")
+    assert version.of_checkout(checkout)["clean_tree"] is False
+
+
+def test_asking_for_the_commit_writes_nothing(checkout):
+    """A lock on the index would stop a commit that is made meanwhile."""
+    index = checkout / ".git" / "index"
+    (checkout / "file").touch()
+    before = index.stat().st_mtime_ns
+    version.of_checkout(checkout)
+    assert index.stat().st_mtime_ns == before
 
 
 def test_results_name_commit_tree_and_training():

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from lanewise import config
+from lanewise import config, reading, version
 from lanewise.errors import RunError
 from lanewise.runs.folder import RunFolder, require_empty
 from lanewise.settings import Settings
@@ -26,6 +26,36 @@ def test_what_was_created_is_opened(run):
     assert identity["settings_digest"] == folder.digest == config.digest(Settings())
     assert identity["version"] == 2
     assert {"lanewise", "created"} <= identity.keys()
+
+
+def test_a_run_remembers_the_code_that_made_it(run):
+    identity = json.loads((run / "run.json").read_text())
+    assert {name: identity[name] for name in version.SOURCE} == version.source()
+    assert RunFolder.open(run).source == version.source()
+
+
+def test_a_run_from_before_runs_remembered_their_code_is_still_read(run):
+    sign(run, commit=..., clean_tree=..., training=...)
+    assert RunFolder.open(run).source == {}
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{"training": "x\x1b[2J"}, {"training": None}, {"commit": "main"}, {"clean_tree": 1}]
+    + [{name: ...} for name in ("commit", "clean_tree", "training")],
+)
+def test_no_other_code_than_one_that_could_be_is_believed(run, changed):
+    sign(run, **changed)
+    with pytest.raises(RunError, match=r"run\.json is damaged: it does not say which code"):
+        RunFolder.open(run)
+
+
+def sign(run, **changed):
+    """Alter what a run says of itself, ... for what is to go, and sign it anew."""
+    identity = json.loads((run / "run.json").read_text()) | changed
+    identity = {name: value for name, value in identity.items() if value is not ...}
+    identity["digest"] = reading.digest(identity)
+    (run / "run.json").write_text(json.dumps(identity))
 
 
 @pytest.mark.parametrize("path", ["new", "new/with/parents", "empty"])

@@ -10,7 +10,7 @@ import pytest
 import small_runs
 from small_runs import Quiet, results, resume
 
-from lanewise import cli
+from lanewise import cli, version
 from lanewise.errors import RunError
 from lanewise.runs import checkpoint, train, trained
 
@@ -80,6 +80,34 @@ def test_ctrl_c_within_a_chunk_waits_for_its_end(tmp_path, whole, monkeypatch):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     resume(path)
     assert results(path) == results(whole)
+
+
+def test_code_whose_training_differs_goes_on_with_a_warning(tmp_path, monkeypatch):
+    path, other = tmp_path / "run", {"commit": "c" * 40, "clean_tree": True, "training": "0" * 12}
+    with monkeypatch.context() as patch:
+        patch.setattr(version, "source", lambda: other)
+        create(path).close()
+    assert notes_of_going_on(path) == [
+        f"{path} was made by code that trains otherwise (training 000000000000, commit ccccccc; "
+        f"here training {version.training()}): it may end in other bits than a run that never "
+        "stopped; to avoid that, go on with that code, or train anew in another folder"
+    ]
+    monkeypatch.setattr(version, "training", lambda: "0" * 12)
+    assert notes_of_going_on(path) == []
+
+
+def test_a_run_that_does_not_say_which_code_made_it_goes_on_without_a_word(tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(version, "source", dict)
+        create(tmp_path / "run").close()
+    assert notes_of_going_on(tmp_path / "run") == []
+
+
+def notes_of_going_on(path):
+    reporter = Quiet(("step-1", 0), press_ctrl_c)
+    with pytest.raises(KeyboardInterrupt):
+        resume(path, reporter)
+    return reporter.notes
 
 
 def test_the_end_of_a_machines_time_is_announced_by_sigterm(tmp_path, whole, monkeypatch):

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lanewise import config, reading
+from lanewise import config, reading, version
 from lanewise.errors import LanewiseError, RunError
 from lanewise.evaluation import metrics
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.metrics import Summary
 from lanewise.experiments import origin, testing
 from lanewise.progress import Progress
+from lanewise.report import provenance
 from lanewise.runs import trained
 from lanewise.runs.files import OpenFolder, write_atomically
 from lanewise.runs.folder import LARGEST_SETTINGS, RunFolder
@@ -34,7 +35,10 @@ _LONGEST = 1e9
 """Seconds of a test, 30 years."""
 _FORMAT, _VERSION = "lanewise-test", 1
 """Which a stored test need not say."""
-_FIELDS = {"summary", "seconds", "run", "episodes_sha256", "digest"}
+_FIELDS = {
+    *("summary", "seconds", "run", "episodes_sha256", "digest"),
+    *(*version.SOURCE, "versions", "machine"),
+}
 _AGAIN = "; delete it, and the test is driven again"
 
 
@@ -218,6 +222,9 @@ def _store(
         "summary": summary,
         "seconds": round(seconds, 2),
         "run": run,
+        **provenance.source(),
+        "versions": provenance.versions(),
+        "machine": provenance.machine(),
         "episodes_sha256": _sha256(table),
     }
     text = json.dumps(stored | {"digest": reading.digest(stored)}, indent=1) + "\n"
@@ -268,6 +275,7 @@ def _read(file: Path) -> dict[str, Any]:
             raise ValueError("no time that a test could take")
         if ("digest" in stored) != ("episodes_sha256" in stored):
             raise ValueError("altered")
+        version.remembered(stored)
         if stored.keys() - _FIELDS or stored.get("digest", reading.digest(stored)) != (
             reading.digest(stored)
         ):

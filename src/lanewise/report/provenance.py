@@ -1,4 +1,4 @@
-"""Where a result comes from: versions and machine."""
+"""Where a result comes from: code, versions and machine."""
 
 import platform
 from importlib.metadata import PackageNotFoundError, version
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from lanewise import cores
-from lanewise.version import commit, training
+from lanewise.version import source as source
 
 PACKAGES = ("lanewise", "jax", "jaxlib", "optax", "numpy", "gymnasium", "highway-env")
 
@@ -20,11 +20,6 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return found
-
-
-def source() -> dict[str, Any]:
-    """The commit, whether its tree was clean, and the name of what its training computes."""
-    return commit() | {"training": training()}
 
 
 def machine() -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 ::
 
-    DIR/run.json          format, controller, seed, settings digest, versions; written last
+    DIR/run.json          format, controller, seed, settings digest, code; written last
     DIR/settings.toml     every setting
     DIR/metrics.jsonl     one JSON object a line, the same bytes however often it was resumed
     DIR/metrics-before-*  metrics of a stage that began anew without a checkpoint
@@ -21,20 +21,20 @@ Imports no JAX.
 import hashlib
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from lanewise import config, cores, crosschecks, reading
+from lanewise import config, cores, crosschecks, reading, version
 from lanewise.errors import RunError, SettingsError, brief
 from lanewise.ranges import SEEDS
 from lanewise.runs import lock
 from lanewise.runs.compiler import switches
 from lanewise.runs.files import PARTIAL, OpenFolder, write_atomically
 from lanewise.settings import Settings
-from lanewise.version import __version__
 
 FORMAT = "lanewise-run"
 VERSION = 2
@@ -54,9 +54,9 @@ CHECKPOINTS, STAGES = "checkpoints", "stages"
 _FOLDERS = (CHECKPOINTS, STAGES, "tensorboard", "diverged")
 _FIELDS = {
     *("format", "version", "controller", "seed", "settings_digest", "lanewise", "parts"),
-    *("compiler", "created", "digest"),
+    *("compiler", "created", "digest", *version.SOURCE),
 }
-"""Of run.json. Folders made before it had a digest of its own lack that."""
+"""Of run.json. Older folders lack its own digest, or which code made them."""
 
 
 @dataclass
@@ -78,6 +78,8 @@ class RunFolder:
     """Names of the user's own functions it is trained with (`driving.parts.Parts.names`)."""
     compiler: tuple[str, ...] = ()
     """Switches of the compiler it was made with (`compiler.switches`)."""
+    source: Mapping[str, Any] = field(default_factory=dict)
+    """The code it was made with (`version.source`); empty in older runs."""
     _held: OpenFolder | None = field(default=None, repr=False)
 
     @classmethod
@@ -114,10 +116,11 @@ class RunFolder:
             path.mkdir(parents=True, exist_ok=True)
         held = lock.acquire(path, "training")
         digest = config.digest(settings)
-        folder = cls(name, settings, controller, seed, digest, parts, switches(), held)
+        folder = cls(name, settings, controller, seed, digest, parts, switches(), _held=held)
         try:
             # Whoever had the lock just before may have made a run meanwhile.
             require_empty(name)
+            folder.source = version.source()
             folder._write_identity()
         except BaseException:
             folder.close()
@@ -136,9 +139,9 @@ class RunFolder:
         settings = _read_settings(path, manifest)
         digest = manifest["settings_digest"]
         parts, compiler = (tuple(manifest.get(name, ())) for name in ("parts", "compiler"))
-        return cls(
-            path, settings, manifest["controller"], manifest["seed"], digest, parts, compiler
-        )
+        source = version.remembered(manifest)
+        controller, seed = manifest["controller"], manifest["seed"]
+        return cls(path, settings, controller, seed, digest, parts, compiler, source)
 
     @classmethod
     def resume(
@@ -217,6 +220,18 @@ class RunFolder:
             remedy = f"leave out {'; '.join(parts)}"
         raise RunError(f"{self.path} was made with {made}\n  {remedy}")
 
+    def other_code(self) -> str:
+        """A warning if this code trains otherwise than that which made the run; else empty."""
+        made, here = self.source.get("training"), version.training()
+        if made in (None, here):
+            return ""
+        return (
+            f"{self.path} was made by code that trains otherwise (training {made}, "
+            f"{version.commit_of(self.source)}; here training {here}): it may end in other bits "
+            "than a run that never stopped; to avoid that, go on with that code, or train anew in "
+            "another folder"
+        )
+
     def close(self) -> None:
         """Gives the lock back."""
         if self._held is not None:
@@ -241,7 +256,8 @@ class RunFolder:
             "controller": self.controller,
             "seed": self.seed,
             "settings_digest": self.digest,
-            "lanewise": __version__,
+            "lanewise": version.__version__,
+            **self.source,
             **({"parts": list(self.parts)} if self.parts else {}),
             **({"compiler": list(self.compiler)} if self.compiler else {}),
             "created": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -342,6 +358,10 @@ def _check_identity(file: Path, manifest: dict[str, Any]) -> None:
         given = manifest.get(name, [])
         if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
             raise RunError(f"{file} is damaged: {name} holds no names")
+    try:
+        version.remembered(manifest)
+    except ValueError as error:
+        raise RunError(f"{file} is damaged: {error}") from error
     if unknown := manifest.keys() - _FIELDS:
         raise RunError(f'{file} is damaged: it has no field "{brief(min(unknown))}"')
     if "digest" in manifest and manifest["digest"] != reading.digest(manifest):

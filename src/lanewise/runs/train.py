@@ -111,6 +111,8 @@ def train(
     if trained.is_finished(folder):
         test = shell_line("lanewise", "evaluate", folder.path)
         raise RunError(f"{folder.path} is finished; {test} tests it")
+    if warning := folder.other_code():
+        reporter.note(warning)
     if high_level is not None:
         trained.take_over_high_level(folder, high_level, parts)
     left = resume.read(folder, parts)
