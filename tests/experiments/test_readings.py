@@ -79,6 +79,21 @@ def test_at_the_papers_size_the_rows_say_what_was_used():
     assert '`"critic"` in *hierarchical, goals held in training*)' in rows["22a"]
 
 
+def test_departures_from_what_the_paper_states_are_named_as_such():
+    rows = {row["number"]: row for row in readings.rows()}
+    for number in ("13", "21"):
+        assert rows[number]["paper"].startswith("no gap: ")
+        assert "departs from the paper" in rows[number]["here"]
+        assert "as the paper says" in rows[number]["other"]
+
+
+def test_the_discount_of_h_dqn_stands_where_its_arm_does():
+    """Its low level alone has another than the paper's."""
+    row = here(arms_of(experiment.load("standard")))["29"]
+    assert "`h_dqn.low_level.learner.discount = 0.95` (`0.8` in *hierarchical in one step*)" in row
+    assert "h_dqn" not in here(arms_of(experiment.load("quick")))["29"]
+
+
 def test_each_stage_is_shown_with_its_own_value():
     rows = here(arms_of(experiment.load("quick")))
     decays = [f"`{stage}.learner.learning_rate_decay = {n}`" for stage, n in
@@ -92,7 +107,7 @@ def test_an_experiment_of_ones_own():
     rows, table = here(arms), readings.table(arms)
     assert rows["6"] == r"`scenario.ego_speed = 10.0` (`12.5` in *flat \| one*)"
     # The reason is that of the default, which not all of them have.
-    assert "| of the default: fits the test table |" in table
+    assert "| of the default: fitted to the test table |" in table
     assert rows["27"].startswith('`single_level.keep = "last"` (`"best-validation"` in *slow*)')
     assert "`single_level.learner.learning_rate = 0.001` (`0.01` in *slow*)" in rows[""]
     # Nobody has goals, nor steps 1 and 2.

@@ -1,11 +1,10 @@
 """The figures of an experiment's report, each drawn if the experiment has what it shows."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lanewise.experiments import testing
 from lanewise.experiments.results import ArmResult, SeedResult
 from lanewise.report import (
     film_strip,
@@ -137,7 +136,7 @@ def _training(
 def _drives(pair: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Draw]]:
     """What both controllers do: profiles over seeds, and a film strip of the first seed."""
     longer = {
-        name: [drive for seed in result.seeds for drive in _long_drives(seed)]
+        name: [seed.record(i, PROFILE_SECONDS) for seed in result.seeds for i in range(PROFILED)]
         for name, result in pair.items()
     }
     yield (
@@ -153,10 +152,3 @@ def _drives(pair: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Draw]]:
         Drawn("film-strip", "Both controllers from above, same start (the paper's film strip)"),
         lambda path: film_strip.write(firsts, path),
     )
-
-
-def _long_drives(seed: SeedResult) -> list[Any]:
-    controller = seed.controller
-    tests = replace(controller.settings.evaluation, duration=PROFILE_SECONDS)
-    longer = replace(controller, settings=replace(controller.settings, evaluation=tests))
-    return [testing.record(longer, "lanewise", seed.job.seed, i) for i in range(PROFILED)]

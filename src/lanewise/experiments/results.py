@@ -94,9 +94,9 @@ class SeedResult:
             return trained.load(self.job.path)
         return Trained(self.job.controller, self.job.settings, self.job.seed, {})
 
-    def record(self, episode: int = 0) -> Recording:
-        """A test episode in our world, driven once more with every frame kept."""
-        return testing.record(self.controller, "lanewise", self.job.seed, episode)
+    def record(self, episode: int = 0, seconds: int | None = None) -> Recording:
+        """A test episode in our world, driven once more with every frame kept; see `testing`."""
+        return testing.record(self.controller, "lanewise", self.job.seed, episode, seconds)
 
 
 @dataclass(frozen=True)

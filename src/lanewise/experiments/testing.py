@@ -1,6 +1,7 @@
 """Test a trained controller in either world, with progress; shared by the commands."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from lanewise import interop
 from lanewise.evaluation import drive
@@ -37,8 +38,13 @@ def test(
     )
 
 
-def record(trained: Trained, world: str, seed: int, episode: int) -> Recording:
-    """Drive one test episode and keep every frame."""
+def record(
+    trained: Trained, world: str, seed: int, episode: int, seconds: int | None = None
+) -> Recording:
+    """Drive one test episode and keep every frame; for so many seconds, if given."""
+    if seconds is not None:
+        longer = replace(trained.settings.evaluation, duration=seconds)
+        trained = replace(trained, settings=replace(trained.settings, evaluation=longer))
     recorder: Callable[..., Recording] = drive.record
     if world == "highway-env":
         recorder = interop.twin().record

@@ -28,7 +28,7 @@ class TrafficSettings:
     spacing_jitter: Annotated[float, Metres] = 5.0
     """Each distance varies uniformly by plus or minus this."""
     vehicles_behind: Annotated[int, Between(0, 100)] = 0
-    """Vehicles behind the ego; the paper's scenario has none."""
+    """Vehicles behind the ego; the paper's "further upstream" may mean these (row 9)."""
     gap_behind: Annotated[float, Metres] = 45.0
     """From the ego to the first vehicle behind, centre to centre."""
     speed: Annotated[float, MetresPerSecond] = 12.5
