@@ -32,7 +32,7 @@ class Content:
     @property
     def figures(self) -> list[ArmFigures]:
         """What the tables need."""
-        return [_figures_of(result) for result in self.results]
+        return [figures_of(result) for result in self.results]
 
     @property
     def several_seeds(self) -> bool:
@@ -77,7 +77,8 @@ def paired(seed: SeedResult) -> Paired | None:
     return metrics.paired(*(seed.tests[world].episodes for world in WORLDS))
 
 
-def _figures_of(result: ArmResult) -> ArmFigures:
+def figures_of(result: ArmResult) -> ArmFigures:
+    """What the tables need of an arm."""
     settings = result.seeds[0].job.settings
     unlike = published.unlike_test(settings)
     return ArmFigures(

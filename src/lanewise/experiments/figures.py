@@ -5,17 +5,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lanewise.experiments.results import ArmResult, SeedResult
+from lanewise.experiments.results import WORLDS, ArmResult, SeedResult
 from lanewise.report import (
     film_strip,
     framework,
     goal_track,
     profiles,
+    seeds,
     start_ranges,
     training_curves,
     trap_schematic,
     two_steps,
 )
+from lanewise.report.arms import ArmFigures
 from lanewise.runs import metrics
 
 FOLDER = "figures"
@@ -57,6 +59,17 @@ def write(out: Path, results: Sequence[ArmResult]) -> list[Drawn]:
         for suffix in SUFFIXES:
             draw(out / FOLDER / f"{figure.name}{suffix}")
         drawn.append(figure)
+    return drawn
+
+
+def of_seeds(arms: Sequence[ArmFigures], out: Path) -> Drawn:
+    """Draw the tests of every arm in our world, as PNG and SVG below ``out``."""
+    drawn = Drawn(
+        "seeds",
+        "Tests of every arm: a dot a seed, a line at their mean, published values dashed",
+    )
+    for suffix in SUFFIXES:
+        seeds.write(arms, WORLDS[0], out / FOLDER / f"{drawn.name}{suffix}")
     return drawn
 
 

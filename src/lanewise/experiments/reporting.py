@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 from lanewise import config
 from lanewise.evaluation import metrics
 from lanewise.evaluation.metrics import Paired
-from lanewise.experiments import claims, figures, readings, stored
+from lanewise.experiments import claims, content, figures, readings, stored
 from lanewise.experiments.claims import Claim, Driven, Evidence, Seed
 from lanewise.experiments.content import Content
 from lanewise.experiments.experiment import Experiment
@@ -74,17 +74,19 @@ def _draw(
         "machine": provenance.machine(),
     }
     drawn = figures.write(out, results)
+    if any(len(result.seeds) > 1 for result in results):
+        drawn.insert(0, figures.of_seeds([content.figures_of(each) for each in results], out))
     clip.render(_shown(results).seeds[0].record(), out / "clip.gif")
     lines = [line for result in _in_curves(results) for line in result.seeds[0].whole_training]
     if chunks := [line for line in lines if line["kind"] == "chunk"]:
         for suffix in figures.SUFFIXES:
             write_curves(chunks, out / f"curves{suffix}")
-    content = Content(experiment, command, results, _ledger(results), drawn, made, times)
-    text = _markdown(content)
-    write_text(out / "report.json", stored.text(content))
+    told = Content(experiment, command, results, _ledger(results), drawn, made, times)
+    text = _markdown(told)
+    write_text(out / "report.json", stored.text(told))
     write_text(out / "report.html", page.render(text, experiment.title, out))
     write_text(out / REPORT, text)
-    return _text(content)
+    return _text(told)
 
 
 def _shown(results: Sequence[ArmResult]) -> ArmResult:

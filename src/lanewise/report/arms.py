@@ -70,7 +70,7 @@ Unlike = Callable[[ArmFigures], str | None]
 
 def tests(arms: Sequence[ArmFigures], world: str) -> str:
     """The paper's test table: means over seeds, the lowest and the highest seed in parentheses."""
-    heads = ["arm", "seeds", *(_head(metric) for metric in SHOWN)]
+    heads = ["arm", "seeds", *(head(metric) for metric in SHOWN)]
     rows = []
     for arm, published in _beside(arms, PUBLISHED, _unlike_test):
         if published:
@@ -83,7 +83,7 @@ def tests(arms: Sequence[ArmFigures], world: str) -> str:
 
 def every_seed(arms: Sequence[ArmFigures], worlds: Sequence[str]) -> str:
     """One row a seed and world, rates with exact 95 % intervals."""
-    heads = ["arm", "seed", "world", "episodes", *(_head(metric) for metric in SHOWN)]
+    heads = ["arm", "seed", "world", "episodes", *(head(metric) for metric in SHOWN)]
     rows = []
     for arm in arms:
         for place, seed in enumerate(arm.seeds):
@@ -109,7 +109,7 @@ def over_seeds(arms: Sequence[ArmFigures], reference: str | None, world: str = "
     metrics = [metric for name in names for metric in SHOWN if metric.name == name]
     heads = ["arm"]
     for metric in metrics:
-        heads.append(f"IQM of {_head(metric)}")
+        heads.append(f"IQM of {head(metric)}")
         if held is not None:
             heads.append(f"P({metric.title} above {cell(held.title)})")
     rows = []
@@ -179,7 +179,7 @@ def last_mean(rows: Rows, name: str) -> float:
 
 def text(arms: Sequence[ArmFigures], world: str) -> str:
     """The test table for a terminal, means alone."""
-    rows = [["", *(_head(metric) for metric in SHOWN)]]
+    rows = [["", *(head(metric) for metric in SHOWN)]]
     for arm, published in _beside(arms, PUBLISHED, _unlike_test):
         if published:
             rows.append([f"{arm.controller}, published", *_published(arm.controller)])
@@ -228,7 +228,8 @@ def _published(controller: str) -> list[str]:
     return [number(metric, PUBLISHED[controller][metric.name]) for metric in SHOWN]
 
 
-def _head(metric: Metric) -> str:
+def head(metric: Metric) -> str:
+    """A metric's title with its unit."""
     return f"{metric.title}, {unit(metric)}" if unit(metric) else metric.title
 
 

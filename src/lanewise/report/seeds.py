@@ -20,10 +20,12 @@ with needed_for("the figure of all seeds"):
 
 SHOWN = ("escape_rate", "success_rate", "accumulated_reward")
 """Metrics, a panel each."""
-ROW, HEAD = 0.42, 1.0
+ROW, HEAD = 0.34, 1.0
 """Inches of an arm's row, and of what stands above and below them all."""
 LETTERS = 34
 """In a line of an arm's title."""
+REFERENCE = "not trained"
+"""Name of all controllers that learn nothing."""
 SPREAD = 0.22
 """Dots of one row lie so far above and below its middle, so that equal ones are told apart."""
 
@@ -84,18 +86,19 @@ def _published(axes: Axes, metric: Metric, arms: Sequence[ArmFigures]) -> None:
 
 
 def _own(arm: ArmFigures) -> Style:
-    """As its controller looks in every figure; references in grey."""
+    """As its controller looks in every figure; one that was not trained in grey."""
     place = style.OWN.get(arm.controller)
     return Style("0.45", (0, ()), "x") if place is None else style.STYLES[place]
 
 
 def _key(arms: Sequence[ArmFigures]) -> list[Artist]:
-    handles: list[Artist] = []
-    for controller in dict.fromkeys(arm.controller for arm in arms):
-        own = _own(next(arm for arm in arms if arm.controller == controller))
-        handles.append(
-            Line2D([], [], color=own.colour, marker=own.marker, linestyle="", label=controller)
-        )
+    looks = {
+        arm.controller if arm.controller in style.OWN else REFERENCE: _own(arm) for arm in arms
+    }
+    handles: list[Artist] = [
+        Line2D([], [], color=own.colour, marker=own.marker, linestyle="", label=name)
+        for name, own in looks.items()
+    ]
     handles.append(Line2D([], [], color="0.3", linewidth=style.DRAWN, label="mean over seeds"))
     handles.append(Line2D([], [], color="0.3", linestyle=(0, (4, 2)), label="published"))
     return handles
