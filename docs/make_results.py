@@ -170,7 +170,8 @@ def _at_the_papers_size(report: Any) -> str:
     ]
     tests = next(arm for arm in compared if arm["name"] == "hierarchical")["seeds"]
     here, there = (mean(seed["tests"][world]["success_rate"] for seed in tests) for world in WORLDS)
-    rate = report["published"]["test"]["hierarchical"]["success_rate"]
+    tested = report["published"]["test"]["hierarchical"]
+    rate = tested.get("escape_rate", tested.get("success_rate"))  # Older reports call it success.
     return (
         f"**At the paper's own size** (1000 and 2000 episodes, {len(tests)} seeds; "
         "[results/paper](results/paper/report.md)), means of the last 50 training episodes, which "
