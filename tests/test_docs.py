@@ -11,6 +11,7 @@ import pytest
 
 from lanewise import cli, config
 from lanewise.commands.arguments import parse
+from lanewise.evaluation.metrics import PUBLISHED_TRAINING
 
 ROOT = Path(__file__).parents[1]
 PAGES = (
@@ -27,6 +28,20 @@ def test_results_come_from_the_stored_files():
     for path, text in make_results.pages().items():
         assert path.read_text() == text, f"{path.name}: run python docs/make_results.py"
     assert make_trust.PAGE.read_text() == make_trust.page(), "run python docs/make_trust.py"
+
+
+def test_the_published_training_stands_whole_beside_ours():
+    """Not the one figure that matches; and whose success is meant is said."""
+    text = make_results._at_the_papers_size(make_results._read(make_results.PAPER))
+    rows = {line.split("|")[1].strip(): line for line in text.splitlines() if line[:1] == "|"}
+    for name, figures in PUBLISHED_TRAINING.items():
+        row = rows[f"*{name}, published*"]
+        *plain, rate = figures.values()
+        for figure in (*plain, 100 * rate):
+            assert re.search(rf" {figure:.2f} | {figure:.1f} ", row), (row, figure)
+        assert any(name in title and "published" not in title for title in rows)
+    assert "accident" in text
+    assert "(docs/paper.md#what-was-fitted)" in text
 
 
 def commands(page):
