@@ -104,8 +104,8 @@ def test_without_repeated_seeds_nothing_is_said_about_arms():
     assert len(found.arms) == 3
 
 
-def test_compared_metrics_are_the_papers():
-    assert tuple(comparison.COMPARED) == tuple(metrics.PUBLISHED["hierarchical"])
+def test_compared_metrics_are_the_papers_and_our_success():
+    assert {*comparison.COMPARED} == {*metrics.PUBLISHED["hierarchical"], "success_rate"}
     summary = metrics.summarise(EPISODES[0], controller="x", world="lanewise")
     for name, compared in comparison.COMPARED.items():
         outcomes = compared.outcomes(EPISODES[0])

@@ -146,6 +146,21 @@ def test_a_test_of_code_that_cannot_be_is_refused(jobs):
         work.read_test(job, "lanewise")
 
 
+def test_one_from_before_both_successes_is_read_and_tells_both(jobs):
+    """Its episodes have always told when the ego was past the trap."""
+    job = jobs["planned, seed 0"]
+    file = job.path / work.TESTS / "lanewise.json"
+    whole = work.read_test(job, "lanewise").summary
+    summary = json.loads(file.read_text())["summary"]
+    del summary["escape_rate"], summary["intervals"]["escape_rate"]
+    sign(file, summary=summary)
+    assert job.done
+    assert work.read_test(job, "lanewise").summary == whole
+    sign(file, summary=summary | {"escape_rate": 0.125})
+    with pytest.raises(RunError, match="do not agree"):
+        work.read_test(job, "lanewise")
+
+
 def test_tests_from_before_are_read_but_for_those_of_another_controller(jobs):
     for job in jobs.values():
         for file in (job.path / work.TESTS).glob("*.json"):

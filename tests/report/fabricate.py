@@ -63,6 +63,7 @@ def make_rows() -> list[dict]:
                     "stage": stage,
                     "decisions": 1000 * i,
                     "episodes": 6 * i,
+                    "escape_rate": float(np.clip(done + 0.02 * (i % 5), 0, 1)),
                     "success_rate": float(np.clip(done + 0.1 * rng.normal(), 0, 1)),
                     "accident_rate": 0.1,
                     "reward": None if i < 3 else float(20 + 30 * done + 3 * rng.normal()),
@@ -80,12 +81,15 @@ def make_training(lengths: tuple[int, ...] = (80, 60), final: float = 0.9) -> li
         rng = np.random.default_rng(seed)
         share = 1.0 / (1.0 + np.exp(-(np.arange(length) - 25) / 6))
         success = rng.random(length) < final * share
+        # In every fourth episode past the trap there is an accident later.
+        escaped = success | (np.arange(length) % 4 == 3)
         seeds.append(
             [
                 {
                     "kind": "episode",
                     "stage": "step-2",
                     "episode": number + 1,
+                    "escaped": bool(escaped[number]),
                     "success": bool(success[number]),
                     "reward": float(20 + 30 * success[number] + rng.normal()),
                     "timestep_reward": float(10 + 15 * success[number] + rng.normal()),

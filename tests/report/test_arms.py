@@ -12,16 +12,17 @@ from lanewise.report.arms import ArmFigures
 from lanewise.report.table import LEFT_OUT
 
 
-def summary(controller, success, accidents=0, count=100, reward=1.0):
-    zero = np.zeros(count)
+def summary(controller, success, crashed_later=0, count=100, reward=1.0):
+    zero, number = np.zeros(count), np.arange(count)
+    escaped = number < success + crashed_later
     episodes = Episodes(
-        success=np.arange(count) < success,
-        accident=(np.arange(count) >= count - accidents).astype(np.int8),
+        success=number < success,
+        accident=(escaped & (number >= success)).astype(np.int8),
         accumulated_reward=zero + reward,
         average_speed=zero + 13.0,
         travel_distance=zero + 325.0,
         duration=zero + 25.0,
-        escape_time=zero + 9.0,
+        escape_time=np.where(escaped, 9.0, np.nan),
         goals=zero.astype(int),
         goals_timed_out=zero.astype(int),
     )
@@ -53,12 +54,42 @@ def test_the_test_table_has_means_extremes_and_the_published_row_once():
         *("arm", "*hierarchical, published*", "two levels"),
         *("*single-level, published*", "flat ¦ one", "more"),
     ]
-    column = rows[0].index("success, %")
-    assert rows[1][column] == "97.67"
-    assert rows[2][column] == "97.40 (90.00 to 100.00)"
+    papers, column = rows[0].index("success (paper), %"), rows[0].index("success, %")
+    assert papers + 1 == column
+    assert [rows[1][papers], rows[1][column]] == ["97.67", "-"]
+    assert rows[2][papers] == rows[2][column] == "97.40 (90.00 to 100.00)"
     assert rows[5][column] == "50.00"
     assert [row[1] for row in rows[1:]] == ["-", "5", "-", "5", "1"]
     assert len({len(row) for row in rows}) == 1
+
+
+def papers_success(markdown):
+    """The cells of that column."""
+    heads, *rows = cells(markdown)
+    return [row[heads.index("success (paper), %")] for row in rows]
+
+
+def test_an_escape_with_a_later_crash_counts_for_the_papers_success_alone():
+    crashed = dataclasses.replace(OURS, tests={"lanewise": [summary("hierarchical", 60, 30)]})
+    assert papers_success(arms.tests([crashed], "lanewise")) == ["97.67", "90.00"]
+    head, row = cells(arms.every_seed([dataclasses.replace(crashed, seeds=[0])], ["lanewise"]))
+    assert row[head.index("success, %")].startswith("60.00 (")
+
+
+def test_where_older_results_do_not_tell_the_papers_success_it_is_a_dash():
+    """One seed without it leaves none for the arm: fewer seeds would be another mean."""
+    told, untold = summary("hierarchical", 98), summary("hierarchical", 99)
+    del untold.values["escape_rate"], untold.intervals["escape_rate"]
+    old = arm("old", "hierarchical", [98, 99])
+    old = dataclasses.replace(old, tests={"lanewise": [told, untold]})
+    assert papers_success(arms.tests([old], "lanewise")) == ["97.67", "-"]
+    assert papers_success(arms.every_seed([old], ["lanewise"])) == ["98.00 (93.0, 99.8)", "-"]
+    heads, row = cells(arms.over_seeds([old], "old"))
+    assert row[heads.index("IQM of success (paper), %")] == "-"
+    assert row[heads.index("IQM of success, %")].startswith("98.50 (")
+    assert cells(arms.over_seeds([OURS, old], "two levels"))[2][1:3] == ["-", "-"]
+    ours = next(line for line in arms.text([old], "lanewise").splitlines() if "old (2)" in line)
+    assert ours.split()[2:6] == ["1.00", "13.00", "-", "98.50"]
 
 
 @pytest.mark.parametrize("make", [arms.tests, arms.text])
@@ -94,38 +125,50 @@ def test_every_seed_has_its_exact_interval():
 def test_over_seeds_by_hand():
     """Of 90, 98, 99, 100, 100 the middle three have the mean 99; every one beats every flat one."""
     rows = cells(arms.over_seeds([OURS, FLAT], "flat | one"))
-    assert rows[1][1].startswith("99.00 (")
-    assert rows[1][2] == "1.00"
-    assert rows[2][2] == "-"
+    assert [head.split(" of ")[-1] for head in rows[0][1:6:2]] == [
+        *("success (paper), %", "success, %", "reward, 1 a second"),
+    ]
+    for column in (1, 3):
+        assert rows[1][column].startswith("99.00 (")
+        assert rows[1][column + 1] == "1.00"
+        assert rows[2][column + 1] == "-"
     for nobody in ("nobody", None):
         alone = cells(arms.over_seeds([OURS], nobody))
-        assert [head.startswith("IQM") for head in alone[0][1:]] == [True, True]
+        assert [head.startswith("IQM") for head in alone[0][1:]] == [True, True, True]
 
 
 def test_the_training_table_takes_the_last_fifty_episodes():
-    def lines(late):
+    def lines(late, told=True):
         return [
             {"reward": r, "timestep_reward": r / 2, "speed": 10.0, "success": r > 3}
+            | ({"escaped": True} if told else {})
             for r in [100.0] * 30 + [late] * 50
         ]
 
     trained = arm("two levels", "hierarchical", [1, 2], training=[lines(2.0), lines(4.0)])
-    rows = cells(arms.training([trained, FLAT]))
-    assert rows[1] == ["*hierarchical, published*", "5", "47.94", "", "13.09", "60.0"]
+    old = arm("old", "hierarchical", [1, 2], training=[lines(2.0), lines(4.0, told=False)])
+    rows = cells(arms.training([trained, FLAT, old]))
+    assert rows[0][-2:] == ["success (paper), %", "success, %"]
+    assert rows[1] == ["*hierarchical, published*", "5", "47.94", "-", "13.09", "60.0", "-"]
     assert rows[2][2:] == [
         *("3.00 (2.00 to 4.00)", "1.50 (1.00 to 2.00)", "10.00 (10.00 to 10.00)"),
-        "50.0 (0.0 to 100.0)",
+        *("100.0 (100.0 to 100.0)", "50.0 (0.0 to 100.0)"),
     ]
+    assert rows[3][-2:] == ["-", "50.0 (0.0 to 100.0)"]
     # A reference driver was never trained.
-    assert len(rows) == 3
+    assert len(rows) == 4
 
 
 def test_the_terminal_table_is_aligned():
     lines = arms.text([OURS, FLAT], "lanewise").splitlines()
     assert {len(line) for line in lines} == {len(lines[0])}
     assert max(map(len, lines)) <= 100
-    assert lines[3].startswith("two levels (5)")
-    assert "97.40" in lines[3]
+    assert lines[0].split() == [
+        *("reward", "speed", "success", "(paper)", "success", "distance", "accidents"),
+    ]
+    assert lines[1].split() == ["1", "a", "second", "m/s", "%", "%", "m", "%"]
+    assert lines[4].startswith("two levels (5)")
+    assert lines[4].count("97.40") == 2
 
 
 @pytest.mark.parametrize("make", [arms.tests, arms.text])

@@ -32,9 +32,10 @@ def page():
 
 
 def rows(text, title):
-    """The lines of a table of the text, below its rule."""
+    """The lines of a table of the text, below the rule of its first columns."""
     lines = text.split(f"\n\n{title}\n")[1].split("\n\n")[0].splitlines()
-    return lines[3:]
+    rules = [place for place, line in enumerate(lines) if line.startswith("---")]
+    return lines[rules[0] + 1 : rules[1] - 2]
 
 
 def test_text_fits_a_terminal(page):
@@ -46,28 +47,38 @@ def test_text_fits_a_terminal(page):
     assert "[" not in text
 
 
+def test_what_is_wider_stands_in_two_blocks_shares_before_means(page):
+    lines = comparison.text(page).split("\n\nRuns\n")[1].split("\n\n")[0].splitlines()
+    heads = [lines[place - 2].split() for place, line in enumerate(lines) if line[0] == "-"]
+    assert heads == [
+        ["success", "(paper)", "success", "accidents"],
+        ["reward", "speed", "distance"],
+    ]
+    assert [line[0] for line in lines if line[:1].isalpha()] == list("ABCDABCD")
+
+
 def test_runs_stand_with_their_intervals(page):
     table = rows(comparison.text(page), "Runs")
-    assert table[0].split()[:3] == ["A", "97.67", "2.33"]
+    assert table[0].split() == ["A", "97.67", "97.67", "2.33"]
     assert "(95.3, 99.1)" in table[1]
     assert [line[0] for line in table[::2]] == ["A", "B", "C", "D"]
 
 
 def test_differences_stand_with_discordant_pairs_and_p(page):
     table = rows(comparison.text(page), "Minus A, start by start")
-    assert table[0].split()[:3] == ["B", "+2.33", "-2.33"]
-    assert table[1].split()[:4] == ["+7", "-0", "+0", "-7"]
-    assert table[2].split() == ["p", "0.016", "p", "0.016"]
-    assert table[5].split() == ["p", "<0.001", "p", "<0.001"]
+    assert table[0].split() == ["B", "+2.33", "+2.33", "-2.33"]
+    assert table[1].split() == ["+7", "-0", "+7", "-0", "+0", "-7"]
+    assert table[2].split() == ["p", "0.016"] * 3
+    assert table[5].split() == ["p", "<0.001"] * 3
 
 
 def test_arms_and_chances(page):
     text = comparison.text(page)
     means = rows(text, "Interquartile mean over the seeds of an arm")
-    assert means[0].split()[:3] == ["1", "98.83", "1.17"]
+    assert means[0].split() == ["1", "98.83", "98.83", "1.17"]
     assert "(97.7, 100.0)" in means[1]
     chances = rows(text, "P(better than arm 1)")
-    assert chances[0].split()[:3] == ["2", "0.00", "0.00"]
+    assert chances[0].split() == ["2", "0.00", "0.00", "0.00"]
 
 
 def test_columns_are_aligned_across_tables(page):
@@ -118,16 +129,16 @@ def test_markdown_tables_are_rectangles(page):
     assert len(blocks) == 4
     for block in blocks:
         assert len({line.count("|") for line in block.splitlines()}) == 1
-    assert "| A | 97.67 (95.3, 99.1) | 2.33 (0.9, 4.7) |" in text
-    assert "| B | +2.33 (+7 -0, p 0.016) |" in text
+    assert "| A | 97.67 (95.3, 99.1) | 97.67 (95.3, 99.1) | 2.33 (0.9, 4.7) |" in text
+    assert "| B | +2.33 (+7 -0, p 0.016) | +2.33 (+7 -0, p 0.016) |" in text
     assert "lanewise 0." in text
 
 
 def test_csv_has_one_row_a_run_and_metric(page):
     table = list(csv.DictReader(io.StringIO(comparison.to_csv(page))))
-    assert len(table) == 4 * 8
+    assert len(table) == 4 * 9
     first = table[0]
-    assert (first["run"], first["arm"], first["metric"]) == ("runs/a0", "0", "success_rate")
+    assert (first["run"], first["arm"], first["metric"]) == ("runs/a0", "0", "escape_rate")
     assert float(first["value"]) == 293 / 300
     assert float(first["low"]) == pytest.approx(0.9525, abs=1e-4)
     unknown = next(

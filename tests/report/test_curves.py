@@ -21,8 +21,9 @@ def test_png_and_svg(tmp_path, rows):
     curves.write_curves(rows, tmp_path / "c.svg", against="episodes")
     assert Image.open(tmp_path / "c.png").width > 1000
     words = "".join(ElementTree.parse(tmp_path / "c.svg").getroot().itertext())
-    for label in ("success rate, %", "average speed, m/s", "episodes of the stage", "high-level"):
+    for label in ("success (paper), %", "average speed, m/s", "episodes of the stage"):
         assert label in words
+    assert "high-level" in words
     assert sorted(p.name for p in tmp_path.iterdir()) == ["c.png", "c.svg"]
 
 
@@ -38,6 +39,16 @@ def test_each_stage_has_its_own_line_style_and_mark(rows):
     assert [line.get_label() for line in thick] == ["single-level", "high-level", "hierarchical"]
     assert len({line.get_linestyle() + line.get_color() for line in thick}) == 3
     assert len([line for line in panel.lines if list(line.get_xdata()) == [32000.0] * 2]) == 3
+
+
+def test_rows_from_before_both_successes_have_ours_alone(rows):
+    def labels():
+        return [axes.get_ylabel().split("\n")[0] for axes in curves.draw(rows).axes]
+
+    assert labels()[:2] == ["success (paper), %", "success, %"]
+    for row in rows:
+        del row["escape_rate"]
+    assert labels() == ["success, %", "reward per episode,", "average speed, m/s"]
 
 
 def test_one_row_is_enough(tmp_path, rows):

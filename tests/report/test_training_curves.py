@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from fabricate import make_training
+from looking import check_words
 
 from lanewise.errors import LanewiseError
 from lanewise.report import style, training_curves
@@ -25,7 +26,7 @@ def lines(axes, own):
 def test_curves_and_bands_are_mean_lowest_and_highest_of_the_running_means(reward):
     seeds = make_training((70, 60, 90))
     figure = draw({"hierarchical": seeds}, window=7, reward=reward)
-    columns = (("success", 100.0), (reward, 1.0), ("speed", 1.0))
+    columns = (("escaped", 100.0), ("success", 100.0), (reward, 1.0), ("speed", 1.0))
     for axes, (column, factor) in zip(figure.axes, columns, strict=True):
         table = [means(rows, column, 7, factor)[:60] for rows in seeds]
         curve, low, high = lines(axes, style.STYLES[1])
@@ -36,6 +37,24 @@ def test_curves_and_bands_are_mean_lowest_and_highest_of_the_running_means(rewar
         np.testing.assert_allclose(high.get_ydata(), np.max(table, axis=0))
         (band,) = axes.collections
         np.testing.assert_allclose(band.get_paths()[0].get_extents().y1, np.max(table))
+
+
+def without_escapes(seeds):
+    """As a training from before the paper's success stood beside ours left them."""
+    return [[{n: v for n, v in row.items() if n != "escaped"} for row in rows] for rows in seeds]
+
+
+def test_the_papers_success_is_drawn_above_ours_as_far_as_the_rows_tell_it():
+    labels = [axes.get_ylabel().split("\n")[0] for axes in draw({"a": make_training()}).axes]
+    assert labels == ["success (paper), %", "success, %", "reward per episode,", *labels[3:]]
+    old = without_escapes(make_training())
+    assert [a.get_ylabel().split("\n")[0] for a in draw({"a": old}).axes] == labels[1:]
+    both = draw({"a": old, "b": make_training()}, settled={"a": 20.0, "b": 20.0})
+    papers, ours = both.axes[:2]
+    assert np.isnan(lines(papers, style.STYLES[0])[0].get_ydata()).all()
+    assert np.isfinite(lines(papers, style.STYLES[1])[0].get_ydata()).all()
+    assert np.isfinite(lines(ours, style.STYLES[0])[0].get_ydata()).all()
+    check_words(both)
 
 
 def test_each_arm_ends_with_its_shortest_seed():
@@ -74,7 +93,7 @@ def test_a_missing_value_is_a_gap_not_a_mean_over_fewer_seeds():
     seeds = make_training((30, 30))
     for row in seeds[0][:5]:
         row["reward"] = None
-    curve = lines(draw({"a": seeds}, window=3).axes[1], style.STYLES[0])[0]
+    curve = lines(draw({"a": seeds}, window=3).axes[2], style.STYLES[0])[0]
     assert np.isnan(curve.get_ydata()[:5]).all()
     assert np.isfinite(curve.get_ydata()[5:]).all()
 

@@ -32,13 +32,14 @@ class Compared:
 
 
 COMPARED: Mapping[str, Compared] = {
+    "escape_rate": Compared(lambda episodes: episodes.escaped),
     "success_rate": Compared(lambda episodes: episodes.success),
     "accident_rate": Compared(lambda episodes: episodes.accident != 0, more_is_better=False),
     "accumulated_reward": Compared(lambda episodes: episodes.accumulated_reward),
     "average_speed": Compared(lambda episodes: episodes.average_speed),
     "travel_distance": Compared(lambda episodes: episodes.travel_distance),
 }
-"""The paper's metrics by name. More speed and distance count as better, as in the paper."""
+"""The paper's metrics and our success by name. More speed and distance count as better, as in the paper."""
 
 
 @dataclass(frozen=True)

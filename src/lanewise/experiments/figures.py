@@ -106,15 +106,15 @@ def _schematics(seed: SeedResult) -> Iterator[tuple[Drawn, Draw]]:
 
 
 def _curves(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Draw]]:
-    """Success, reward and speed over training episodes; an arm's last stage."""
+    """Both successes, reward and speed over training episodes; an arm's last stage."""
     both = {name: arms[name] for name in CURVES if name in arms}
     if both:
         rows, settled = _training(both, lambda result: result.arm.name)
         yield (
             Drawn(
                 "training",
-                "Training, exploration included: success, reward and speed over episodes, mean and "
-                "spread over seeds (the paper's training figure). Arms whose episodes last "
+                "Training, exploration included: the paper's success and ours, reward and speed "
+                "over episodes, mean and spread over seeds (the paper's training figure). Arms whose episodes last "
                 "differently long (`duration` in their settings) differ in reward an episode for "
                 "that alone",
             ),

@@ -5,7 +5,7 @@ import json
 import math
 import os
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -185,7 +185,11 @@ def read_test(job: Job, world: str) -> Test | None:
     # The figures follow from the episodes: if one of the two was altered, they no longer do.
     if not _agree(summary.to_json(), again.to_json()):
         raise RunError(f"{file} and {table.name} do not agree{_AGAIN}")
-    return Test(summary, episodes, stored["seconds"])
+    # Metrics that are newer than the stored summary are told by the episodes.
+    values = {**again.values, **summary.values}
+    intervals = {**again.intervals, **summary.intervals}
+    whole = replace(summary, values=values, intervals=intervals)
+    return Test(whole, episodes, stored["seconds"])
 
 
 def _agree(stored: Any, again: Any) -> bool:

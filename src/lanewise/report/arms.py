@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from lanewise.evaluation import aggregates
-from lanewise.evaluation.aggregates import Estimate
 from lanewise.evaluation.metrics import (
     METRICS,
     PUBLISHED,
@@ -20,17 +19,23 @@ from lanewise.evaluation.metrics import (
 from lanewise.report.escape import cell, line
 from lanewise.report.table import bounds, left_out, number, unit
 
-PAPER = ("accumulated_reward", "average_speed", "success_rate", "travel_distance", "accident_rate")
-"""The metrics of the paper's test table, in its order."""
+PAPER = (
+    *("accumulated_reward", "average_speed", "escape_rate", "success_rate"),
+    *("travel_distance", "accident_rate"),
+)
+"""The metrics of the paper's test table, in its order, our stricter success beside the paper's."""
 SHOWN: tuple[Metric, ...] = tuple(m for name in PAPER for m in METRICS if m.name == name)
 TRAINING = (
     ("reward", "reward, 1 a decision", 1.0, 2),
     ("timestep_reward", "reward, 1 a second", 1.0, 2),
     ("speed", "speed, m/s", 1.0, 2),
+    ("escaped", "success (paper), %", 100.0, 1),
     ("success", "success, %", 100.0, 1),
 )
 """Measures of a training episode: column of the metrics, title, factor, digits."""
 
+UNKNOWN = "-"
+"""A cell without a figure."""
 EFFORT = ("decisions", "episodes", "updates", "seconds")
 """What a training took, over all its stages."""
 
@@ -60,8 +65,8 @@ class ArmFigures:
     """The same of its trainings."""
 
     def values(self, world: str, metric: str) -> list[float]:
-        """A metric of every seed."""
-        return [summary.values[metric] for summary in self.tests.get(world, ())]
+        """A metric of every seed; NaN where it is unknown."""
+        return [summary.values.get(metric, nan) for summary in self.tests.get(world, ())]
 
 
 Unlike = Callable[[ArmFigures], str | None]
@@ -105,7 +110,7 @@ def over_seeds(arms: Sequence[ArmFigures], reference: str | None, world: str = "
         world: whose tests.
     """
     held = next((arm for arm in arms if arm.title == reference), None)
-    names = ("success_rate", "accumulated_reward")
+    names = ("escape_rate", "success_rate", "accumulated_reward")
     metrics = [metric for name in names for metric in SHOWN if metric.name == name]
     heads = ["arm"]
     for metric in metrics:
@@ -119,12 +124,9 @@ def over_seeds(arms: Sequence[ArmFigures], reference: str | None, world: str = "
         row = [cell(arm.title)]
         for metric in metrics:
             scores = arm.values(world, metric.name)
-            value = Estimate(
-                aggregates.interquartile_mean(scores), aggregates.interquartile_interval(scores)
-            )
-            row.append(_estimate(metric, value))
+            row.append(_interquartile_mean(metric, scores))
             if held is not None:
-                improves = "-" if arm is held else _improvement(scores, held, world, metric)
+                improves = UNKNOWN if arm is held else _improvement(scores, held, world, metric)
                 row.append(improves)
         rows.append(row)
     return _markdown(heads, rows)
@@ -139,7 +141,7 @@ def training(arms: Sequence[ArmFigures]) -> str:
         if published:
             figures = PUBLISHED_TRAINING[arm.controller]
             cells = [
-                f"{factor * figures[name]:.{digits}f}" if name in figures else ""
+                f"{factor * figures[name]:.{digits}f}" if name in figures else UNKNOWN
                 for name, _, factor, digits in TRAINING
             ]
             rows.append([f"*{cell(arm.controller)}, published*", "5", *cells])
@@ -156,13 +158,13 @@ def run(arms: Sequence[ArmFigures]) -> str:
     heads = ["arm", "seeds", "decisions", "episodes", "updates", "updates a decision", "minutes"]
     rows = []
     for arm in arms:
-        cells = ["-"] * 5
+        cells = [UNKNOWN] * 5
         if arm.effort:
             decisions, episodes, updates, seconds = (
                 float(np.mean([each[name] for each in arm.effort])) for name in EFFORT
             )
             cells = [f"{value:,.0f}" for value in (decisions, episodes, updates)]
-            share = f"{updates / decisions:.3f}" if decisions else "-"
+            share = f"{updates / decisions:.3f}" if decisions else UNKNOWN
             cells += [share, f"{seconds / 60:.1f}"]
         tested = (summaries[0].episodes if summaries else 0 for summaries in arm.tests.values())
         numbers = ", ".join(map(str, arm.seeds))
@@ -172,20 +174,23 @@ def run(arms: Sequence[ArmFigures]) -> str:
 
 
 def last_mean(rows: Rows, name: str) -> float:
-    """Mean of a measure over the last training episodes; NaN if there was none."""
-    last = [float(row[name]) for row in rows[-TRAINING_WINDOW:]]
+    """Mean of a measure over the last training episodes; NaN if there was none.
+
+    NaN also where an episode from an older version does not tell it.
+    """
+    last = [float(row.get(name, nan)) for row in rows[-TRAINING_WINDOW:]]
     return float(np.mean(last)) if last else nan
 
 
 def text(arms: Sequence[ArmFigures], world: str) -> str:
     """The test table for a terminal, means alone."""
-    rows = [["", *(head(metric) for metric in SHOWN)]]
+    rows = [["", *(metric.title for metric in SHOWN)], ["", *(unit(metric) for metric in SHOWN)]]
     for arm, published in _beside(arms, PUBLISHED, _unlike_test):
         if published:
             rows.append([f"{arm.controller}, published", *_published(arm.controller)])
         if arm.tests.get(world):
             means = [float(np.mean(arm.values(world, metric.name))) for metric in SHOWN]
-            cells = [number(metric, mean) for metric, mean in zip(SHOWN, means, strict=True)]
+            cells = [_known(metric, mean) for metric, mean in zip(SHOWN, means, strict=True)]
             rows.append([f"{line(arm.title)} ({len(arm.tests[world])})", *cells])
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = []
@@ -193,7 +198,7 @@ def text(arms: Sequence[ArmFigures], world: str) -> str:
         padded = [figure.rjust(width) for figure, width in zip(figures, widths[1:], strict=True)]
         lines.append("  ".join([label.ljust(widths[0]), *padded]))
     left = _left_out(arms, PUBLISHED, _unlike_test)
-    return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:], *left]) + "\n"
+    return "\n".join([*lines[:2], "-" * len(lines[0]), *lines[2:], *left]) + "\n"
 
 
 def _beside(
@@ -225,7 +230,11 @@ def _unlike_training(arm: ArmFigures) -> str | None:
 
 
 def _published(controller: str) -> list[str]:
-    return [number(metric, PUBLISHED[controller][metric.name]) for metric in SHOWN]
+    return [_known(metric, PUBLISHED[controller].get(metric.name, nan)) for metric in SHOWN]
+
+
+def _known(metric: Metric, value: float) -> str:
+    return number(metric, value) if isfinite(value) else UNKNOWN
 
 
 def head(metric: Metric) -> str:
@@ -234,39 +243,40 @@ def head(metric: Metric) -> str:
 
 
 def _span(metric: Metric, values: Sequence[float]) -> str:
-    """Mean over seeds, lowest and highest."""
-    shown = number(metric, float(np.mean(values)))
-    if len(values) == 1:
+    """Mean over seeds, lowest and highest; unknown if a seed's is: of fewer it would be another."""
+    shown = _known(metric, float(np.mean(values)))
+    if len(values) == 1 or shown == UNKNOWN:
         return shown
     return f"{shown} ({number(metric, min(values))} to {number(metric, max(values))})"
 
 
 def _range(values: Sequence[float], digits: int) -> str:
-    known = [value for value in values if isfinite(value)]
-    if not known:
-        return "-"
-    mean = f"{np.mean(known):.{digits}f}"
-    if len(known) == 1:
+    if not all(map(isfinite, values)):
+        return UNKNOWN
+    mean = f"{np.mean(values):.{digits}f}"
+    if len(values) == 1:
         return mean
-    return f"{mean} ({min(known):.{digits}f} to {max(known):.{digits}f})"
+    return f"{mean} ({min(values):.{digits}f} to {max(values):.{digits}f})"
 
 
 def _with_interval(metric: Metric, summary: Summary) -> str:
-    shown = number(metric, summary.values[metric.name])
+    shown = _known(metric, summary.values.get(metric.name, nan))
     interval = summary.intervals.get(metric.name)
     return shown if interval is None else f"{shown} {bounds(metric, interval)}"
 
 
-def _estimate(metric: Metric, estimate: Estimate) -> str:
-    shown = number(metric, estimate.value)
-    known = isfinite(estimate.interval[0])
-    return f"{shown} {bounds(metric, estimate.interval)}" if known else shown
+def _interquartile_mean(metric: Metric, scores: Sequence[float]) -> str:
+    if not all(map(isfinite, scores)):
+        return UNKNOWN
+    shown = number(metric, aggregates.interquartile_mean(scores))
+    interval = aggregates.interquartile_interval(scores)
+    return f"{shown} {bounds(metric, interval)}" if isfinite(interval[0]) else shown
 
 
 def _improvement(scores: Sequence[float], held: ArmFigures, world: str, metric: Metric) -> str:
     others = held.values(world, metric.name)
-    if not others:
-        return "-"
+    if not others or not all(map(isfinite, (*scores, *others))):
+        return UNKNOWN
     value = aggregates.probability_of_improvement(scores, others)
     low, high = aggregates.improvement_interval(scores, others)
     return f"{value:.2f} ({low:.2f}, {high:.2f})" if isfinite(low) else f"{value:.2f}"

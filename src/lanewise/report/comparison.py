@@ -186,6 +186,25 @@ class _Widths:
 
     label: int
     cells: tuple[int, ...]
+    first: int = 0
+    """Which column of the tables the first of these is."""
+
+    @property
+    def columns(self) -> slice:
+        """Of the tables."""
+        return slice(self.first, self.first + len(self.cells))
+
+    def blocks(self, count: int) -> list["_Widths"]:
+        """So many, below one another, of equally many columns but for the last."""
+        each = -(-len(self.cells) // count)
+        starts = range(0, len(self.cells), each)
+        return [_Widths(self.label, self.cells[at : at + each], at) for at in starts]
+
+    def fitting(self) -> list["_Widths"]:
+        """As few blocks as fit a terminal."""
+        tried = (self.blocks(count) for count in range(1, len(self.cells)))
+        fits = (blocks for blocks in tried if all(each.total <= TERMINAL for each in blocks))
+        return next(fits, self.blocks(len(self.cells)))
 
     @property
     def gap(self) -> str:
@@ -206,13 +225,18 @@ def _text_sections(tables: Sequence[Section]) -> list[str]:
         max(len(name) for name, _ in rows),
         tuple(max(len(line) for lines in column for line in lines) for column in columns),
     )
-    return ["\n".join(_text_section(table, widths)) for table in tables]
+    blocks = widths.fitting()
+    return [
+        "\n".join([table.title, *(line for block in blocks for line in _text_block(table, block))])
+        for table in tables
+    ]
 
 
-def _text_section(table: Section, widths: _Widths) -> list[str]:
-    lines = [table.title, *_text_row("", table.heads, widths), "-" * widths.total]
+def _text_block(table: Section, widths: _Widths) -> list[str]:
+    """Some columns of a table."""
+    lines = [*_text_row("", table.heads[widths.columns], widths), "-" * widths.total]
     for name, cells in table.rows:
-        lines += _text_row(name, cells, widths)
+        lines += _text_row(name, cells[widths.columns], widths)
     return lines
 
 

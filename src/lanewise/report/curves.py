@@ -1,6 +1,6 @@
-"""The learning curves: success, reward and speed while each stage trains."""
+"""The learning curves: both successes, reward and speed while each stage trains."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -21,12 +21,17 @@ with needed_for("the learning-curve figure"):
 
 Rows = Sequence[Mapping[str, Any]]
 
-PANELS = (
-    ("success_rate", "success rate, %", 100.0),
+Panel = tuple[str, str, float]
+"""Column of the metrics rows, label with its unit, and factor to that unit."""
+PERCENT = 100.0
+PAPERS_SUCCESS = "success (paper), %"
+SUCCESS = "success, %\n(and no accident)"
+PANELS: tuple[Panel, ...] = (
+    ("escape_rate", PAPERS_SUCCESS, PERCENT),
+    ("success_rate", SUCCESS, PERCENT),
     ("reward", "reward per episode,\none a decision", 1.0),
     ("speed", "average speed, m/s", 1.0),
 )
-"""Column of the metrics rows, label with its unit, and factor to that unit."""
 
 SETTLED = "epsilon at its final value"
 
@@ -40,8 +45,9 @@ def write_curves(
     stage. A vertical mark shows where exploration has come down to its final epsilon.
 
     Args:
-        rows: metrics rows with `stage`, `decisions`, `episodes`, `success_rate`, `reward`,
-            `speed` and `epsilon`; null or missing values are gaps.
+        rows: metrics rows with `stage`, `decisions`, `episodes`, `escape_rate`, `success_rate`,
+            `reward`, `speed` and `epsilon`; null or missing values are gaps. What no row has, as
+            `escape_rate` in older files, has no panel.
         path: ending in .png or .svg.
         against: `decisions` or `episodes`, the horizontal axis.
         window: length of the running mean as a share of a stage's rows.
@@ -57,15 +63,17 @@ def write_curves(
 @style.look()
 def draw(rows: Rows, *, against: str = "decisions", window: float = 0.05) -> Figure:
     """The figure of `write_curves`."""
-    figure = Figure(figsize=(style.WIDTH, 6.4), layout="constrained")
-    panels = style.panels(figure, len(PANELS))
+    columns = told(PANELS, rows)
+    figure = Figure(figsize=(style.WIDTH, 1.0 + 1.8 * len(columns)), layout="constrained")
+    panels = style.panels(figure, len(columns))
     stages = list(dict.fromkeys(str(row["stage"]) for row in rows))
-    for axes, (column, label, factor) in zip(panels, PANELS, strict=True):
+    for axes, (column, label, factor) in zip(panels, columns, strict=True):
         for number, stage in enumerate(stages):
             own = [row for row in rows if str(row["stage"]) == stage]
             _line(axes, own, number, (against, column, factor, window))
         axes.set_ylabel(label)
-    panels[0].set_ylim(-3.0, 103.0)
+        if factor == PERCENT:
+            axes.set_ylim(-3.0, 103.0)
     panels[-1].set_xlabel(f"{against} of the stage")
     style.thousands(panels[-1])
     handles, _ = panels[0].get_legend_handles_labels()
@@ -85,6 +93,12 @@ def _line(axes: Axes, rows: Rows, number: int, what: tuple[str, str, float, floa
     settled = settled_at(column_of(rows, "epsilon").tolist())
     if settled is not None:
         axes.axvline(x[settled], color=own.colour, linestyle=own.dashes, linewidth=0.8, alpha=0.6)
+
+
+def told(panels: Sequence[Panel], rows: Iterable[Mapping[str, Any]]) -> list[Panel]:
+    """The panels whose column is in some row."""
+    known = {name for row in rows for name in row}
+    return [panel for panel in panels if panel[0] in known]
 
 
 def column_of(rows: Rows, name: str) -> NDArray[np.float64]:

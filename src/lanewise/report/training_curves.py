@@ -1,4 +1,4 @@
-"""The paper's training figure: success, reward and speed over episodes, several arms at once."""
+"""The paper's training figure, with our success beside the paper's; several arms at once."""
 
 from collections.abc import Mapping, Sequence
 from math import isfinite
@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 from lanewise.errors import LanewiseError
 from lanewise.extras import needed_for
 from lanewise.report import style
-from lanewise.report.curves import Rows, column_of, running_mean
+from lanewise.report.curves import (
+    PAPERS_SUCCESS,
+    PERCENT,
+    SUCCESS,
+    Rows,
+    column_of,
+    running_mean,
+    told,
+)
 from lanewise.report.style import Floats, Look, Style
 
 with needed_for("the training figure"):
@@ -50,8 +58,9 @@ def write(
     where its shortest seed ends.
 
     Args:
-        arms: rows with `success`, `speed` and the column `reward` names; null is a gap. Arms named
-            like a controller look the same in every figure.
+        arms: rows with `escaped`, `success`, `speed` and the column `reward` names; null or
+            missing is a gap, and `escaped` has no panel where no row has it. Arms named like a
+            controller look the same in every figure.
         path: ending in .png or .svg.
         window: episodes.
         reward: `reward`, one reward a decision, or `timestep_reward`, one a second.
@@ -77,19 +86,22 @@ def draw(
     marks = settled or {}
     _check(arms, window, reward, marks)
     looks = style.styles(arms)
-    figure = Figure(figsize=(style.WIDTH, 6.6), layout="constrained")
-    panels = style.panels(figure, 3)
-    columns = (
-        ("success", "success rate, %", 100.0),
+    wanted = (
+        ("escaped", PAPERS_SUCCESS, PERCENT),
+        ("success", SUCCESS, PERCENT),
         (reward, REWARDS[reward], 1.0),
         ("speed", "average speed, m/s", 1.0),
     )
+    columns = told(wanted, (row for seeds in arms.values() for rows in seeds for row in rows))
+    figure = Figure(figsize=(style.WIDTH, 1.2 + 1.8 * len(columns)), layout="constrained")
+    panels = style.panels(figure, len(columns))
     for axes, (column, label, factor) in zip(panels, columns, strict=True):
         for title, seeds in arms.items():
             smooth = [factor * running_mean(column_of(rows, column), window) for rows in seeds]
             _arm(axes, smooth, looks[title], marks.get(title))
         axes.set_ylabel(label)
-    panels[0].set_ylim(-3.0, 103.0)
+        if factor == PERCENT:
+            axes.set_ylim(-3.0, 103.0)
     panels[-1].set_xlabel(f"training episode (running mean over the last {window})")
     style.thousands(panels[-1])
     style.legend(figure, _key(arms, looks, marks))
