@@ -12,7 +12,9 @@ from small_runs import Quiet, results, resume
 
 from lanewise import cli, version
 from lanewise.errors import RunError
-from lanewise.runs import checkpoint, train, trained
+from lanewise.evaluation import drive
+from lanewise.runs import checkpoint, metrics, train, trained
+from lanewise.training import host, recipe
 
 FLAGS = small_runs.flags(chunks=5)
 pytestmark = pytest.mark.usefixtures("save_every_chunk", "hears_ctrl_c")
@@ -60,6 +62,17 @@ def test_both_levels_of_h_dqn_resume_to_the_same_bytes(tmp_path, monkeypatch):
 
 def test_a_finished_run_needs_no_checkpoints(whole):
     assert list((whole / "checkpoints").iterdir()) == []
+
+
+def test_what_is_told_of_kept_weights_is_true_of_the_controller(whole):
+    told = [line for line in metrics.read(whole / "metrics.jsonl") if line["kind"] == "weights"]
+    assert [line["stage"] for line in told] == ["step-1", "step-2"]
+    controller = trained.load(whole)
+    course = recipe.validation_course(controller.settings, recipe.RECIPES["hierarchical"][-1])
+    count = told[-1]["fresh_episodes"]
+    found = drive.test(course, controller.parameters, host.FRESH_SEED, count)
+    assert told[-1]["kept_reward"] == pytest.approx(found.accumulated_reward.mean())
+    assert told[-1]["kept_accident_rate"] == pytest.approx((found.accident > 0).mean())
 
 
 def test_ctrl_c_within_a_chunk_waits_for_its_end(tmp_path, whole, monkeypatch):
