@@ -1,4 +1,4 @@
-"""Fill the tables of three pages and write ``docs/results.md`` from the stored result files.
+"""Fill the tables and ages of pages and write ``docs/results.md`` from the stored result files.
 
 python docs/make_results.py
 """
@@ -8,6 +8,7 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
+import ages
 import speed_tables
 
 from lanewise import config
@@ -77,7 +78,7 @@ def pages() -> dict[Path, str]:
     speed = ROOT / "docs" / "speed.md"
     every_speed = speed_tables.whole(bench, _machine(bench))
     before, after = (part for part in speed.read_text().split(MEASURED)[::2])
-    return {
+    texts = _marked() | {
         readme: _between(readme.read_text(), BEGIN, END, "\n".join(parts)),
         speed: before + MEASURED + "\n\n" + every_speed + "\n" + MEASURED + after,
         examples: _between(examples.read_text(), *EXAMPLES, _briefly(_each(BRIEFLY))),
@@ -85,10 +86,28 @@ def pages() -> dict[Path, str]:
         + _paper(_read(PAPER))
         + _readings(_read(READINGS)),
     }
+    return {path: ages.filled(text) for path, text in texts.items()}
+
+
+def _marked() -> dict[Path, str]:
+    """The pages written by hand that name the age of a result, and the stored reports and maps."""
+    by_hand = {path: path.read_text() for path in (ROOT / "docs").glob("*.md")}
+    found = {path: text for path, text in by_hand.items() if ages.MARKED.search(text)}
+    for path in sorted(RESULTS.rglob("*.md")):
+        result = path.with_suffix(".json")
+        if result.exists():
+            name = str(result.relative_to(ROOT))
+            found[path] = ages.below_title(path.read_text(), name)
+    return found
 
 
 def _read(name: str) -> Any:
     return json.loads((RESULTS / name).read_text())
+
+
+def _age(name: str) -> str:
+    """Where a page says how old a result is, by its name in ``results``."""
+    return ages.mark(f"results/{name}")
 
 
 def _each(folder: str) -> list[Any]:
@@ -132,7 +151,7 @@ def _summary(report: Any, paper: Any) -> str:
     names = [arm["name"] for arm in report["arms"]]
     chosen = zip(names, _figures(report), strict=True)
     arms = [figures for name, figures in chosen if name in HEADLINE]
-    lines = []
+    lines = [_age(STANDARD), ""]
     for world, title in WORLDS.items():
         lines += [
             f"Test episodes of 25 s {title}; means over seeds, in parentheses the lowest and the "
@@ -149,7 +168,7 @@ def _summary(report: Any, paper: Any) -> str:
         ARMS,
         "",
     ]
-    lines += [_at_the_papers_size(paper), "", _is_it_the_hierarchy(report), ""]
+    lines += [_at_the_papers_size(paper), "", _age(PAPER), "", _is_it_the_hierarchy(report), ""]
     for name, title in PICTURES.items():
         lines += [f"![{title}](results/standard/figures/{name}.png)", ""]
     return "\n".join(lines)
@@ -227,6 +246,8 @@ def _outside(report: Any, stored: list[Any]) -> str:
         "**Other people's learners on the trap**: agents of other libraries, trained in our "
         "environments and tested alike, here:",
         "",
+        _age(OUTSIDE),
+        "",
         tables.tests(arms, "lanewise"),
     ]
     for each in stored:
@@ -242,6 +263,8 @@ def _outside(report: Any, stored: list[Any]) -> str:
 def _briefly(stored: list[Any]) -> str:
     """The examples as they come, one row each."""
     lines = [
+        _age(BRIEFLY),
+        "",
         "| file | learns with | budget | reward | random | success, % | accidents, % |",
         "|---|---|---:|---:|---:|---:|---:|",
     ]
@@ -281,7 +304,7 @@ def _beyond(found: Any) -> str:
         f"distances escapes from {100 * winnable['success_rate']:.1f} % of the "
         f"{winnable['starts']:,} winnable starts of a grid ({100 * every['success_rate']:.1f} % of "
         f"all {every['starts']:,}; {found['episodes_per_start']} episodes each). Where it breaks, "
-        "and why, is in [docs/ranges.md](docs/ranges.md).\n\n"
+        f"and why, is in [docs/ranges.md](docs/ranges.md).\n\n{_age(MAP)}\n\n"
         "![Success and accidents by ego speed, trap speed and lanes]"
         "(results/ranges/wide/map.png)\n"
     )
@@ -304,6 +327,8 @@ def _details(report: Any) -> str:
         "figures and the paper's claims are in",
         "[the report of `standard`](../results/standard/report.md), made by",
         f"`{report['command']}` ({report['date'][:10]}) on {_machine(report)}.",
+        "",
+        _age(STANDARD),
         "",
         "## What was run",
         "",
@@ -340,6 +365,8 @@ def _paper(report: Any) -> str:
         "fails as computed there, until epsilon settles (some 120 episodes); in the curves",
         "the flat one escapes now and then between episodes 250 and 1,600, and then no more.",
         "",
+        _age(PAPER),
+        "",
         *_tables(arms, "Tests {}:"),
     ]
     return "\n".join(lines) + "\n"
@@ -374,6 +401,8 @@ def _readings(report: Any) -> str:
         f"`{report['command']}` ({report['date'][:10]}). Each arm changes the settings named, all",
         "else equal; arms that differ in step 2 or in tests alone take over the default's step 1",
         "runs. Means over seeds of the test episodes here, success seed by seed.",
+        "",
+        _age(READINGS),
         "",
         "| reading | settings | success of each seed | " + " | ".join(c[1] for c in COLUMNS) + " |",
         "|---|---|---|" + "---:|" * len(COLUMNS),

@@ -2,9 +2,13 @@
 
 from typing import Any
 
+import ages
+
 from lanewise.bench import ratios, table
 from lanewise.bench.ratios import Ratio
 from lanewise.bench.task import Figure
+
+AGE = ages.mark("results/bench.json", "what it says of updates and trainings")
 
 
 def brief(bench: Any, machine: str) -> str:
@@ -13,6 +17,8 @@ def brief(bench: Any, machine: str) -> str:
         f"Speed on {machine}, {bench['date'][:10]}, in one run "
         f"(`{bench['command']}`); every figure, and what bounds it, is in "
         "[docs/speed.md](docs/speed.md):",
+        "",
+        AGE,
         "",
         "| | | from |",
         "|---|---:|---|",
@@ -39,6 +45,8 @@ def whole(bench: Any, machine: str) -> str:
     lines = [
         f"`{bench['command']}`, {bench['date'][:10]}, on {machine}; each measurement",
         f"{bench['seconds']:g} s. {versions}.",
+        "",
+        AGE,
         "",
         "| part | case | who | figure | besides |",
         "|---|---|---|---:|---|",

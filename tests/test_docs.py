@@ -4,12 +4,13 @@ import re
 import shlex
 from pathlib import Path
 
+import ages
 import make_results
 import make_settings
 import make_trust
 import pytest
 
-from lanewise import cli, config
+from lanewise import cli, config, version
 from lanewise.commands.arguments import parse
 from lanewise.evaluation.metrics import PUBLISHED_TRAINING
 
@@ -24,8 +25,14 @@ PAGES = (
 SECTIONS = {name.split(".")[0] for name in config.kinds()}
 
 
-def test_results_come_from_the_stored_files():
-    for path, text in make_results.pages().items():
+@pytest.fixture(scope="module")
+def written():
+    """The pages as they must be."""
+    return make_results.pages()
+
+
+def test_results_come_from_the_stored_files(written):
+    for path, text in written.items():
         assert path.read_text() == text, f"{path.name}: run python docs/make_results.py"
     assert make_trust.PAGE.read_text() == make_trust.page(), "run python docs/make_trust.py"
 
@@ -42,6 +49,109 @@ def test_the_published_training_stands_whole_beside_ours():
         assert any(name in title and "published" not in title for title in rows)
     assert "accident" in text
     assert "(docs/paper.md#what-was-fitted)" in text
+
+
+@pytest.mark.parametrize(
+    ("page", "result"),
+    [
+        ("README.md", "results/standard/report.json"),
+        ("README.md", "results/paper/report.json"),
+        ("README.md", "results/outside"),
+        ("README.md", "results/ranges/wide/map.json"),
+        ("README.md", "results/bench.json"),
+        ("docs/results.md", "results/standard/report.json"),
+        ("docs/results.md", "results/paper/report.json"),
+        ("docs/results.md", "results/readings/report.json"),
+        ("docs/ranges.md", "results/ranges/wide/map.json"),
+        ("docs/ranges.md", "results/ranges/wide-traffic/map.json"),
+        ("docs/ranges.md", "results/search.json"),
+        ("docs/quick-preset.md", "results/search.json"),
+        ("docs/speed.md", "results/bench.json"),
+        ("examples/README.md", "results/outside/brief"),
+        ("results/standard/report.md", "results/standard/report.json"),
+        ("results/paper/report.md", "results/paper/report.json"),
+        ("results/reproduce-quick/report.md", "results/reproduce-quick/report.json"),
+        ("results/ranges/wide/map.md", "results/ranges/wide/map.json"),
+        ("results/ranges/wide-traffic/map.md", "results/ranges/wide-traffic/map.json"),
+    ],
+)
+def test_figures_of_trainings_stand_beside_their_age(written, page, result):
+    found = ages.MARKED.findall(written[ROOT / page])
+    notes = [note for _, name, what, note, _ in found if name == result]
+    assert notes
+    for note in notes:
+        assert note.startswith(("**Stale**", "Commit ", "No commit recorded, ")), note
+
+
+NOW = {"commit": "a" * 40, "clean_tree": True, "training": version.training()}
+BEFORE = {"commit": "b" * 40, "clean_tree": False, "training": "0" * 12}
+MADE = {"command": "lanewise bench", "date": "2026-11-28T20:00:00+00:00"}
+
+
+def report(*sources):
+    """A stored report: what trained its seeds counts, and not what wrote it."""
+    seeds = [{"trained_by": source, "effort": {}} for source in sources]
+    reference = {"trained_by": None, "effort": None}
+    return MADE | NOW | {"arms": [{"seeds": [*seeds, reference]}]}
+
+
+OLD_REPORT = {"arms": [{"seeds": [{"effort": {}}]}]}
+
+
+@pytest.mark.parametrize(
+    ("stored", "note"),
+    [
+        ([MADE | NOW], "Commit aaaaaaa, 2026-11-28."),
+        ([MADE | NOW | {"clean_tree": False}], "Commit aaaaaaa with changes, 2026-11-28."),
+        ([report(NOW, NOW)], "Commit aaaaaaa, 2026-11-28."),
+        (
+            [MADE | BEFORE],
+            "**Stale**: made before training changed (commit bbbbbbb with changes, 2026-11-28); "
+            "make it anew with `lanewise bench`.",
+        ),
+        (
+            [report(NOW, BEFORE)],
+            "**Stale**: made before training changed (commit aaaaaaa, commit bbbbbbb with "
+            "changes, 2026-11-28); make it anew with `lanewise bench`.",
+        ),
+        (
+            [MADE | NOW | OLD_REPORT],
+            "**Stale**: made before results named their training (no commit recorded, "
+            "2026-11-28); make it anew with `lanewise bench`.",
+        ),
+        (
+            [MADE | NOW | {"training_seed": 0, "trained_by": BEFORE}],
+            "**Stale**: made before training changed (commit bbbbbbb with changes, 2026-11-28); "
+            "train the run anew, then `lanewise bench`.",
+        ),
+        (
+            [{"date": "2026-11-22"}],
+            "**Stale**: made before results named their training (no commit recorded, "
+            "2026-11-22); results/README.md says how to make it anew.",
+        ),
+        (
+            [MADE | NOW, MADE | {"command": "lanewise bench world", "date": "2026-11-20"}],
+            "**Stale**: made before results named their training (commit aaaaaaa, no commit "
+            "recorded, 2026-11-20 to 2026-11-28); results/README.md says how to make it anew.",
+        ),
+    ],
+)
+def test_a_result_says_whether_training_has_changed_since(stored, note):
+    assert ages.note(stored) == note
+
+
+def test_only_part_of_a_result_may_depend_on_training():
+    assert ages.note([MADE | BEFORE], "its trainings").startswith("**Stale** in its trainings: ")
+
+
+def test_marks_are_filled_and_stay():
+    page = "a\n<!-- age: results/search.json -->\nold\n<!-- /age -->\nb\n"
+    filled = ages.filled(page)
+    assert "old" not in filled
+    assert "ommit" in filled
+    assert ages.filled(filled) == filled
+    assert filled.startswith("a\n<!-- age: results/search.json -->\n")
+    assert filled.endswith("\n<!-- /age -->\nb\n")
 
 
 def commands(page):

@@ -7,8 +7,10 @@ import sys
 
 import pytest
 
+from lanewise import version
 from lanewise.cli import main
 from lanewise.experiments import schedule
+from lanewise.report import provenance
 from lanewise.runs import lock
 
 TINY = [
@@ -50,6 +52,11 @@ def test_it_leaves_a_report(done):
     for name in ("curves.png", "curves.svg", "clip.gif"):
         assert (out / name).stat().st_size > 1000
     assert "versions" in json.dumps(report)
+    trained_by = [seed["trained_by"] for arm in report["arms"] for seed in arm["seeds"]]
+    assert trained_by == [version.source()] * 2
+    line = provenance.trained_by(trained_by)
+    made = (out / "report.md").read_text().partition("## How it was made")[2]
+    assert f"\n\n{line}\n\n" in made
 
 
 def test_a_folder_in_use_is_refused(tmp_path, capsys):

@@ -132,6 +132,16 @@ def test_a_test_remembers_code_versions_and_machine(jobs):
     assert stored["machine"]["cores"]
 
 
+def test_a_report_knows_by_which_code_each_seed_was_trained(jobs):
+    file = jobs["planned, seed 1"].path / "run.json"
+    sign(file, **dict.fromkeys(version.SOURCE))
+    found = results.collect(experiment.parse("x", TEXT), list(jobs.values()))
+    assert {seed.job.label: seed.trained_by for arm in found for seed in arm.seeds} == {
+        label: {} if label == "planned, seed 1" else version.source() if job.trains else None
+        for label, job in jobs.items()
+    }
+
+
 def test_a_test_from_before_tests_remembered_their_code_is_read(jobs):
     job = jobs["planned, seed 0"]
     names = (*version.SOURCE, "versions", "machine")

@@ -28,6 +28,7 @@ def sweep_of(grid: Grid | None = None, episodes: int = 20, clearance: float = 0.
     return Sweep(
         controller="hierarchical",
         training_seed=3,
+        trained_by={"commit": "a" * 40, "clean_tree": True, "training": "1" * 12},
         settings=config.flatten(Settings()),
         grid=grid,
         episodes=episodes,

@@ -103,6 +103,7 @@ def test_a_sweep_on_disk(tmp_path):
     assert document["totals"]["winnable"]["starts"] == 10
     assert document["totals"]["winnable_with_clearance"]["starts"] == 8
     assert document["axes"]["spacing"] == [17.0, 25.0]
+    assert document["trained_by"] == sweep.trained_by
     assert document["settings"]["scenario.trap_speed"] == 10.0
     text = page.read_text()
     for target in re.findall(r"\]\((.*?)\)", text):

@@ -60,3 +60,33 @@ def test_asking_for_the_commit_writes_nothing(checkout):
 def test_results_name_commit_tree_and_training():
     assert list(provenance.source()) == ["commit", "clean_tree", "training"]
     assert provenance.source()["training"] == version.training()
+
+
+def code(commit, training, clean=True):
+    return {"commit": commit * 40, "clean_tree": clean, "training": training * 12}
+
+
+@pytest.mark.parametrize(
+    ("sources", "said"),
+    [
+        ([], ""),
+        ([code("a", "1")] * 2, "Trained by commit aaaaaaa; training is the same (`111111111111`)."),
+        (
+            [code("a", "1"), code("b", "1", clean=False)],
+            "Trained by more than one: commit aaaaaaa, commit bbbbbbb with changes; training is "
+            "the same (`111111111111`).",
+        ),
+        (
+            [code("b", "2"), code("a", "1")],
+            "Trained by more than one: commit bbbbbbb, commit aaaaaaa; **training differs** "
+            "(`111111111111`, `222222222222`).",
+        ),
+        (
+            [code("a", "1"), {}],
+            "Trained by more than one: commit aaaaaaa, no commit recorded; whether training is "
+            "the same is not recorded.",
+        ),
+    ],
+)
+def test_a_line_says_whether_runs_were_trained_alike(sources, said):
+    assert provenance.trained_by(sources) == said

@@ -3,7 +3,8 @@
     python tests/training/first_updates.py
 
 writes `src/lanewise/first_updates.json` anew. Do that only when training is meant to change:
-results trained before are stale from then on, and every page says so until they are made again.
+results trained before are stale from then on, and `python docs/make_results.py` makes every page
+say so until they are made again.
 """
 
 import json

@@ -158,6 +158,7 @@ def _report(command: Sweep, grid: Grid, folder: RunFolder, journal: Journal) -> 
     found = sweep.Sweep(
         controller=folder.controller,
         training_seed=folder.seed,
+        trained_by=folder.source,
         settings=config.flatten(folder.settings),
         grid=grid,
         episodes=command.episodes,

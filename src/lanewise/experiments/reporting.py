@@ -283,6 +283,7 @@ def _origin_part(content: Content) -> list[str]:
     return [
         "## How it was made",
         table.listing({**made["versions"], **made["machine"]}),
+        _code_line(content),
         "" if took is None else f"The last call of the command took {took:.1f} s.",
         "### What was run",
         "Means over seeds. A training's time includes compilation and whatever shared the machine; "
@@ -293,6 +294,12 @@ def _origin_part(content: Content) -> list[str]:
         f"## Settings: {title}",
         table.listing(settings),
     ]
+
+
+def _code_line(content: Content) -> str:
+    """Which code trained the runs."""
+    seeds = [seed.trained_by for result in content.results for seed in result.seeds]
+    return provenance.trained_by([source for source in seeds if source is not None])
 
 
 def _changes(content: Content) -> str:

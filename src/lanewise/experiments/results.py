@@ -88,6 +88,11 @@ class SeedResult:
         )
 
     @property
+    def trained_by(self) -> Mapping[str, Any] | None:
+        """The code its run was made with, empty in older runs; None for a reference driver."""
+        return RunFolder.open(self.job.path).source if self.job.trains else None
+
+    @property
     def controller(self) -> Trained:
         """The controller that was tested."""
         if self.job.trains:

@@ -57,6 +57,7 @@ def _seed_json(seed: SeedResult) -> dict[str, Any]:
     pair = paired(seed)
     return {
         "seed": seed.job.seed,
+        "trained_by": seed.trained_by,
         "tests": tests,
         "test_seconds": {world: test.seconds for world, test in seed.tests.items()},
         "paired": None if pair is None else pair.to_json(),

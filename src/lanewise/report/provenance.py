@@ -1,11 +1,13 @@
 """Where a result comes from: code, versions and machine."""
 
 import platform
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from lanewise import cores
+from lanewise.version import commit_of
 from lanewise.version import source as source
 
 PACKAGES = ("lanewise", "jax", "jaxlib", "optax", "numpy", "gymnasium", "highway-env")
@@ -20,6 +22,31 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return found
+
+
+def commits(sources: Sequence[Mapping[str, Any]]) -> str:
+    """The commits of some results, for people, each once."""
+    return ", ".join(dict.fromkeys(map(commit_of, sources)))
+
+
+def trained_by(sources: Sequence[Mapping[str, Any]]) -> str:
+    """Which code trained some runs, and whether it trains alike, in a line; empty for no runs.
+
+    Args:
+        sources: what each run remembers of its code (`version.remembered`).
+    """
+    if not sources:
+        return ""
+    names = {source.get("training") for source in sources}
+    shown = ", ".join(f"`{name}`" for name in sorted(filter(None, names)))
+    if None in names:
+        verdict = "whether training is the same is not recorded"
+    elif len(names) == 1:
+        verdict = f"training is the same ({shown})"
+    else:
+        verdict = f"**training differs** ({shown})"
+    said = commits(sources)
+    return f"Trained by {'more than one: ' if ', ' in said else ''}{said}; {verdict}."
 
 
 def machine() -> dict[str, Any]:

@@ -39,6 +39,8 @@ class Sweep:
     """Its name."""
     training_seed: int
     """Of its run."""
+    trained_by: Mapping[str, Any]
+    """The code its run was made with (`version.source`); empty in older runs."""
     settings: Mapping[str, Any]
     """Of its run, by dotted name."""
     grid: Grid
@@ -85,6 +87,7 @@ def to_json(sweep: Sweep) -> dict[str, Any]:
     return {
         "controller": sweep.controller,
         "training_seed": sweep.training_seed,
+        "trained_by": dict(sweep.trained_by),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": sweep.command,
         **source(),
