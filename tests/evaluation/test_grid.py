@@ -1,3 +1,5 @@
+import math
+
 import pytest
 
 from lanewise.errors import SettingsError
@@ -5,11 +7,13 @@ from lanewise.evaluation import grid as grids
 from lanewise.evaluation.grid import Cell, Grid, Outcome, Point, Reach, fold, pool
 
 
-def cell(ego=10.0, lanes=3, winnable=True, clear=True, successes=8, collision=1, stopped=0):
+def cell(
+    ego=10.0, lanes=3, winnable=True, clear=True, successes=8, collision=1, stopped=0, escapes=9
+):
     return Cell(
         Point(ego, 10.0, lanes, 15.0, 5.0, 25.0, 0),
         Reach(winnable, True, clear, "", 0),
-        Outcome(10, successes, collision, 0, stopped, 12.0, 9.0),
+        Outcome(10, successes, collision, 0, stopped, 12.0, 9.0, escapes),
     )
 
 
@@ -37,12 +41,13 @@ def test_a_value_given_twice_is_refused():
 def test_denominators_count_the_starts_they_name():
     cells = [
         cell(),
-        cell(winnable=False, clear=False, successes=0, collision=10),
-        cell(clear=False, successes=2, collision=3, stopped=1),
+        cell(winnable=False, clear=False, successes=0, collision=10, escapes=0),
+        cell(clear=False, successes=2, collision=3, stopped=1, escapes=3),
     ]
     everything, winnable, clear = (pool(cells, name) for name in grids.DENOMINATORS)
     assert (everything.starts, everything.episodes, everything.successes) == (3, 30, 10)
     assert everything.success_rate == pytest.approx(1 / 3)
+    assert (everything.escapes, everything.escape_rate) == (12, 0.4)
     assert everything.accidents == {"collision": 14, "off_road": 0, "stopped": 1}
     assert everything.accident_rate == pytest.approx(0.5)
     assert (winnable.starts, winnable.success_rate) == (2, 0.5)
@@ -52,8 +57,17 @@ def test_denominators_count_the_starts_they_name():
     assert (low, high) == (pytest.approx(0.4439, abs=1e-4), pytest.approx(0.9748, abs=1e-4))
 
 
+def test_one_start_from_before_both_successes_leaves_the_papers_unknown():
+    share = pool([cell(), cell(escapes=None)])
+    assert (share.escapes, share.success_rate) == (None, 0.8)
+    assert math.isnan(share.escape_rate)
+    told = share.to_json()
+    assert (told["escapes"], told["escape_interval"], told["successes"]) == (None, None, 16)
+
+
 def test_nothing_to_count_has_no_rate():
     share = pool([cell(winnable=False)], "winnable")
+    assert math.isnan(share.escape_rate)
     assert share.starts == share.episodes == 0
     assert share.success_rate != share.success_rate
     assert share.to_json()["success_interval"] is None

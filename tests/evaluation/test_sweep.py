@@ -63,6 +63,7 @@ def test_a_start_of_a_grid_is_the_test_start_with_those_settings():
         # Start i of a seed is the point's number times the episodes, and on from there.
         many = drive.test(replace(plain, scenario=own), parameters(), 5, (number + 1) * EPISODES)
         assert found[number].successes == many.success[-EPISODES:].sum()
+        assert found[number].escapes == many.escaped[-EPISODES:].sum()
         assert found[number].collision == (many.accident[-EPISODES:] == 1).sum() == EPISODES
         assert found[number].speed == pytest.approx(many.average_speed[-EPISODES:].mean())
         assert found[number].reward == pytest.approx(many.accumulated_reward[-EPISODES:].mean())

@@ -24,7 +24,8 @@ def sweep_of(grid: Grid | None = None, episodes: int = 20, clearance: float = 0.
         chance = max(0.0, 1.0 - 0.15 * abs(faster)) if winnable else 0.0
         won = sum(draw.random() < chance for _ in range(episodes))
         hit = draw.randint(0, episodes - won)
-        cells.append(Cell(point, reach, Outcome(episodes, won, hit, 0, 0, 12.5, 9.0)))
+        outcome = Outcome(episodes, won, hit, 0, 0, 12.5, 9.0, escapes=won + hit // 2)
+        cells.append(Cell(point, reach, outcome))
     return Sweep(
         controller="hierarchical",
         training_seed=3,

@@ -1,3 +1,4 @@
+import dataclasses
 import itertools
 import json
 import re
@@ -113,6 +114,28 @@ def test_a_sweep_on_disk(tmp_path):
     with Image.open(tmp_path / "map.png") as image:
         assert image.width > 400
     assert ElementTree.parse(tmp_path / "map.svg").getroot().tag.endswith("svg")
+
+
+def test_a_map_from_before_both_successes_is_read_and_the_papers_is_a_dash(tmp_path):
+    sweep = sweep_of(SMALL)
+    files.write_sweep(tmp_path, sweep)
+    document = json.loads((tmp_path / "map.json").read_text())
+    assert document["totals"]["all"]["escapes"] == sum(c.outcome.escapes for c in sweep.cells)
+    told = files.table(sweep.cells).splitlines()
+    assert told[0] == "| over | starts | episodes | success (paper) | success | accidents |"
+    page = (tmp_path / "map.md").read_text()
+    assert "| winnable starts | success (paper) | success | accidents |" in page
+    place = document["columns"].index("escapes")
+    document["columns"].pop(place)
+    for row in document["starts"]:
+        row.pop(place)
+    old = files.cells_of(document)
+    assert all(cell.outcome.escapes is None for cell in old)
+    for new, row in zip(files.table(old).splitlines()[2:], told[2:], strict=True):
+        cells, wanted = new.split("|"), row.split("|")
+        assert cells == [*wanted[:4], " - ", *wanted[5:]]
+    files.write_sweep(tmp_path / "again", dataclasses.replace(sweep, cells=old))
+    assert re.search(r"\| 8 \| 8 \| 3 \| 2 \| - \| ", (tmp_path / "again/map.md").read_text())
 
 
 def test_the_same_cells_give_the_same_picture(tmp_path):

@@ -8,9 +8,9 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields
+from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, get_args
 
 from lanewise import reading
 from lanewise.errors import RunError
@@ -144,11 +144,13 @@ def _result(record: Any, before: str) -> Reach | Outcome:
         raise ValueError("a line is no result")
     kind = _KINDS[record["kind"]]
     values = {name: value for name, value in record.items() if name not in ("kind", "digest")}
-    if values.keys() != {field.name for field in fields(kind)}:
+    known = {field.name: field for field in fields(kind)}
+    needed = {name for name, field in known.items() if field.default is MISSING}
+    if not needed <= values.keys() <= known.keys():
         raise ValueError("a line is no result")
-    for field in fields(kind):
-        if type(values[field.name]) is not field.type:
-            raise ValueError(f"{field.name} is none")
+    for name, value in values.items():
+        if type(value) not in (get_args(known[name].type) or (known[name].type,)):
+            raise ValueError(f"{name} is none")
     if record.get("digest") != _digest(before, record):
         raise ValueError("a line was altered, left out or moved")
     result: Reach | Outcome = kind(**values)

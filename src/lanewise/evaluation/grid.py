@@ -105,6 +105,7 @@ class Outcome:
 
     episodes: int
     successes: int
+    """Past the trap, and no accident, not even later."""
     collision: int
     off_road: int
     stopped: int
@@ -112,6 +113,8 @@ class Outcome:
     """Mean of the episodes' average speeds, m/s."""
     reward: float
     """Mean accumulated reward."""
+    escapes: int | None = None
+    """The paper's successes: past the trap, whatever happened later. None in older results."""
 
     @property
     def accidents(self) -> int:
@@ -142,8 +145,17 @@ class Share:
 
     starts: int
     episodes: int
+    escapes: int | None
+    """None where those of a start are unknown."""
     successes: int
     accidents: dict[str, int]
+
+    @property
+    def escape_rate(self) -> float:
+        """The paper's success, of 1; not a number where it is unknown or without episodes."""
+        if self.escapes is None or not self.episodes:
+            return float("nan")
+        return self.escapes / self.episodes
 
     @property
     def success_rate(self) -> float:
@@ -160,24 +172,31 @@ class Share:
         return {
             "starts": self.starts,
             "episodes": self.episodes,
+            "escapes": self.escapes,
             "successes": self.successes,
             "accidents": self.accidents,
+            "escape_rate": self.escape_rate,
+            "escape_interval": self._interval(self.escapes),
             "success_rate": self.success_rate,
             "success_interval": self._interval(self.successes),
             "accident_rate": self.accident_rate,
             "accident_interval": self._interval(sum(self.accidents.values())),
         }
 
-    def _interval(self, count: int) -> Interval | None:
-        return clopper_pearson(count, self.episodes) if self.episodes else None
+    def _interval(self, count: int | None) -> Interval | None:
+        if count is None or not self.episodes:
+            return None
+        return clopper_pearson(count, self.episodes)
 
 
 def pool(cells: Sequence[Cell], denominator: str = "all") -> Share:
     """The episodes of those cells that count under a denominator."""
     counted = [cell.outcome for cell in cells if DENOMINATORS[denominator](cell.reach)]
+    escapes = [outcome.escapes for outcome in counted if outcome.escapes is not None]
     return Share(
         starts=len(counted),
         episodes=sum(outcome.episodes for outcome in counted),
+        escapes=sum(escapes) if len(escapes) == len(counted) else None,
         successes=sum(outcome.successes for outcome in counted),
         accidents={cause: sum(getattr(o, cause) for o in counted) for cause in CAUSES},
     )

@@ -155,6 +155,7 @@ def _outcome(found: Episodes, which: slice) -> Outcome:
     causes = {cause: int((accident == code).sum()) for code, cause in enumerate(CAUSES, 1)}
     return Outcome(
         episodes=len(accident),
+        escapes=int(found.escaped[which].sum()),
         successes=int(found.success[which].sum()),
         speed=float(found.average_speed[which].mean()),
         reward=float(found.accumulated_reward[which].mean()),

@@ -4,10 +4,12 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from datetime import UTC, datetime
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from lanewise.evaluation.grid import DENOMINATORS, Cell, Grid, Outcome, Point, Reach, fold, pool
+from lanewise.evaluation.statistics import Interval
 from lanewise.report.escape import cell as plain
 from lanewise.report.escape import code, finite
 from lanewise.report.files import write_text
@@ -112,7 +114,8 @@ def cells_of(document: Mapping[str, Any]) -> list[Cell]:
         Cell(
             Point(**{name: row[name] for name in Point._fields}),
             Reach(**{f.name: row[f.name] for f in fields(Reach)}),
-            Outcome(**{f.name: row[f.name] for f in fields(Outcome)}),
+            # Older maps lack the paper's success.
+            Outcome(**{f.name: row[f.name] for f in fields(Outcome) if f.name in row}),
         )
         for row in rows
     ]
@@ -126,22 +129,29 @@ def _dump(document: Mapping[str, Any]) -> str:
 
 
 def table(cells: Sequence[Cell]) -> str:
-    """Success and accidents over each denominator, as Markdown."""
-    lines = ["| over | starts | episodes | success | accidents |", "|---|---:|---:|---:|---:|"]
+    """Both successes and accidents over each denominator, as Markdown."""
+    lines = [
+        "| over | starts | episodes | success (paper) | success | accidents |",
+        "|---|---:|---:|---:|---:|---:|",
+    ]
     for name, title in TITLES.items():
         share = pool(cells, name)
         counts = f"| {title} | {share.starts} | {share.episodes} |"
         if not share.episodes:
-            lines.append(f"{counts} - | - |")
+            lines.append(f"{counts} - | - | - |")
             continue
         numbers = share.to_json()
-        success = _rate(share.success_rate, numbers["success_interval"])
-        accidents = _rate(share.accident_rate, numbers["accident_interval"])
-        lines.append(f"{counts} {success} | {accidents} |")
+        rates = (
+            _rate(numbers[f"{name}_rate"], numbers[f"{name}_interval"])
+            for name in ("escape", "success", "accident")
+        )
+        lines.append(f"{counts} {' | '.join(rates)} |")
     return "\n".join(lines)
 
 
-def _rate(value: float, interval: tuple[float, float]) -> str:
+def _rate(value: float, interval: Interval | None) -> str:
+    if interval is None:
+        return "-"
     low, high = (f"{100.0 * end:.2f}" for end in interval)
     return f"{100.0 * value:.2f} % ({low}, {high})"
 
@@ -151,7 +161,9 @@ def _page(sweep: Sweep, document: Mapping[str, Any], captions: Mapping[str, str]
         f"# {plain(sweep.controller)} over a grid of starts",
         f"{code(sweep.command)}, {document['date']}",
         table(sweep.cells),
-        "In parentheses exact 95 % intervals of the pooled episodes. A start is winnable unless no "
+        "In parentheses exact 95 % intervals of the pooled episodes. Success is to get past the "
+        "trap without an accident, not even later; the paper's success forgives a later accident. "
+        "A start is winnable unless no "
         "sequence of the nine actions, without other traffic, is an escape without an accident "
         "within the test; with clearance, unless none of them stays "
         f"{sweep.clearance:g} m away from the trap cars. Starts for which that is undecided: "
@@ -174,14 +186,16 @@ def _worst(cells: Sequence[Cell]) -> str:
     known = [(place, share) for place, share in shares.items() if share.episodes]
     known.sort(key=lambda item: item[1].success_rate)
     lines = [
-        "| ego, m/s | trap, m/s | lanes | winnable starts | success | accidents |",
-        "|---:|---:|---:|---:|---:|---:|",
+        "| ego, m/s | trap, m/s | lanes | winnable starts "
+        "| success (paper) | success | accidents |",
+        "|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for (ego, trap, lanes), share in known[:WORST]:
-        success, accidents = (
-            f"{figure_of(100.0 * rate)} %" for rate in (share.success_rate, share.accident_rate)
+        rates = " | ".join(
+            f"{figure_of(100.0 * rate)} %" if isfinite(rate) else "-"
+            for rate in (share.escape_rate, share.success_rate, share.accident_rate)
         )
-        lines.append(f"| {ego:g} | {trap:g} | {lanes} | {share.starts} | {success} | {accidents} |")
+        lines.append(f"| {ego:g} | {trap:g} | {lanes} | {share.starts} | {rates} |")
     return "\n".join(lines)
 
 
