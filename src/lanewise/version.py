@@ -32,7 +32,7 @@ def commit() -> dict[str, Any]:
         return of_checkout(root)
     try:
         found: dict[str, Any] = json.loads((PACKAGE / BUILT_FROM).read_text("utf-8"))
-    except OSError:
+    except (OSError, ValueError):
         return {"commit": None, "clean_tree": None}
     return found
 

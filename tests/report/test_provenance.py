@@ -57,6 +57,14 @@ def test_asking_for_the_commit_writes_nothing(checkout):
     assert index.stat().st_mtime_ns == before
 
 
+@pytest.mark.parametrize("text", [None, "{"])
+def test_a_package_that_cannot_say_its_commit_is_no_error(tmp_path, monkeypatch, text):
+    if text:
+        (tmp_path / version.BUILT_FROM).write_text(text)
+    monkeypatch.setattr(version, "PACKAGE", tmp_path)
+    assert version.commit.__wrapped__() == {"commit": None, "clean_tree": None}
+
+
 def test_results_name_commit_tree_and_training():
     assert list(provenance.source()) == ["commit", "clean_tree", "training"]
     assert provenance.source()["training"] == version.training()
