@@ -11,10 +11,10 @@ from typing import Any
 import speed_tables
 
 from lanewise import config
-from lanewise.evaluation.metrics import Summary
+from lanewise.evaluation.metrics import PUBLISHED, PUBLISHED_TRAINING, Summary
 from lanewise.experiments import published
 from lanewise.report import arms as tables
-from lanewise.report.arms import ArmFigures
+from lanewise.report.arms import UNKNOWN, ArmFigures
 from lanewise.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -39,6 +39,12 @@ ARMS = (
     "hierarchical arm one after the other; the search plans with the world itself, and so knows "
     "how everybody will drive, which no controller may."
 )
+SUCCESSES = (
+    "*Success (paper)* is the paper's: the ego's rear bumper passes the front of every trap car "
+    "before the episode ends. *Success* is stricter: and no accident happens, not even later. The "
+    "paper published the first alone; results stored before both were counted have the second "
+    f"alone ({UNKNOWN})."
+)
 ESCAPES = 0.9
 """A seed escapes if more than this share of its test episodes do."""
 PICTURES = {
@@ -50,6 +56,7 @@ PICTURES = {
 COLUMNS = (
     ("accumulated_reward", "reward", 1.0, 2, ""),
     ("average_speed", "speed", 1.0, 2, " m/s"),
+    ("escape_rate", "success (paper)", 100.0, 2, " %"),
     ("success_rate", "success", 100.0, 2, " %"),
     ("travel_distance", "distance", 1.0, 1, " m"),
     ("accident_rate", "accidents", 100.0, 2, " %"),
@@ -139,6 +146,8 @@ def _summary(report: Any, paper: Any) -> str:
             tables.tests(arms, world),
         ]
     lines += [
+        SUCCESSES,
+        "",
         f"All seeds, none left out; made by `{report['command']}` ({report['date'][:10]}) on "
         f"{_machine(report)}. All {len(names)} arms and how much was run are in "
         "[docs/results.md](docs/results.md), the whole report with its figures, every seed and the "
@@ -154,20 +163,35 @@ def _summary(report: Any, paper: Any) -> str:
 
 
 def _at_the_papers_size(report: Any) -> str:
-    """The hierarchical controller's success beside the published one, in training and in tests."""
+    """The hierarchical controller's successes, in training and in tests; the paper's published."""
     arm = next(arm for arm in report["arms"] if arm["name"] == "hierarchical")
-    published = {phase: of["hierarchical"] for phase, of in report["published"].items()}
-    trained = mean(seed["training"]["success"] for seed in arm["seeds"])
-    here, there = (
-        mean(seed["tests"][world]["success_rate"] for seed in arm["seeds"]) for world in WORLDS
+    ours = _successes(arm, "success", "success_rate")
+    papers = _successes(arm, "escaped", "escape_rate")
+    published = (
+        f"published as {100 * PUBLISHED_TRAINING['hierarchical']['escaped']:.1f} % and "
+        f"{100 * PUBLISHED['hierarchical']['escape_rate']:.2f} %"
     )
-    return (
+    lines = [
         "**At the paper's own size** (1000 and 2000 episodes, "
-        f"{len(arm['seeds'])} seeds) the hierarchical controller escapes in {100 * trained:.1f} % "
-        f"of its last 50 training episodes (published {100 * published['training']['success']:.1f})"
-        f", in {100 * here:.2f} % of its tests here and {100 * there:.2f} % in highway-env "
-        f"(published {100 * published['test']['success_rate']:.2f}): "
-        "[results/paper](results/paper/report.md)."
+        f"{len(arm['seeds'])} seeds) the hierarchical controller passes the trap without an "
+        f"accident, not even later, in {ours}: [results/paper](results/paper/report.md).",
+        f"The paper's own success is {published}; "
+        + (f"here it is {papers}." if papers else "this stored result does not tell it."),
+    ]
+    return " ".join(lines)
+
+
+def _successes(arm: Any, training: str, test: str) -> str:
+    """A success over the seeds of an arm, in training and in tests; empty where it is not told."""
+    seeds = arm["seeds"]
+    trained = [seed["training"].get(training) for seed in seeds]
+    tested = [[seed["tests"][world].get(test) for seed in seeds] for world in WORLDS]
+    if None in [*trained, *tested[0], *tested[1]]:
+        return ""
+    here, there = (f"{100 * mean(rates):.2f} %" for rates in tested)
+    return (
+        f"{100 * mean(trained):.1f} % of its last 50 training episodes, {here} of its tests here "
+        f"and {there} of those in highway-env"
     )
 
 
@@ -226,8 +250,9 @@ def _outside(report: Any, stored: list[Any]) -> str:
 def _briefly(stored: list[Any]) -> str:
     """The examples as they come, one row each."""
     lines = [
-        "| file | learns with | budget | reward | random | success, % | accidents, % |",
-        "|---|---|---:|---:|---:|---:|---:|",
+        "| file | learns with | budget | reward | random | success (paper), % | success, % "
+        "| accidents, % |",
+        "|---|---|---:|---:|---:|---:|---:|---:|",
     ]
     for each in stored:
         (seed,) = each["seeds"]
@@ -236,10 +261,14 @@ def _briefly(stored: list[Any]) -> str:
             *(f"`{each['example']}.py`", _learnt_with(each)),
             *(f"{each['steps']:,} {each['unit']}", f"{learnt.values['accumulated_reward']:.2f}"),
             f"{random.values['accumulated_reward']:.2f}",
-            *(f"{100 * learnt.values[name]:.1f}" for name in ("success_rate", "accident_rate")),
+            *(_percent(learnt, name) for name in ("escape_rate", "success_rate", "accident_rate")),
         ]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
+
+
+def _percent(summary: Summary, name: str) -> str:
+    return f"{100 * summary.values[name]:.1f}" if name in summary.values else UNKNOWN
 
 
 def _learner(stored: Any) -> ArmFigures:
@@ -288,6 +317,8 @@ def _details(report: Any) -> str:
         "figures and the paper's claims are in",
         "[the report of `standard`](../results/standard/report.md), made by",
         f"`{report['command']}` ({report['date'][:10]}) on {_machine(report)}.",
+        "",
+        SUCCESSES,
         "",
         "## What was run",
         "",
@@ -372,7 +403,10 @@ def _readings(report: Any) -> str:
 
 
 def _line(tests: Rows) -> str:
-    return " | ".join(f"{mean(t[k] for t in tests) * s:.{d}f}{u}" for k, _, s, d, u in COLUMNS)
+    return " | ".join(
+        f"{mean(t[k] for t in tests) * s:.{d}f}{u}" if all(k in t for t in tests) else UNKNOWN
+        for k, _, s, d, u in COLUMNS
+    )
 
 
 if __name__ == "__main__":
