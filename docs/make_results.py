@@ -15,7 +15,7 @@ from lanewise import config
 from lanewise.evaluation.metrics import Summary
 from lanewise.experiments import published
 from lanewise.report import arms as tables
-from lanewise.report.arms import ArmFigures
+from lanewise.report.arms import UNKNOWN, ArmFigures
 from lanewise.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -42,6 +42,12 @@ ARMS = (
     "0.8; the search plans with the world itself, and so knows "
     "how everybody will drive, which no controller may."
 )
+SUCCESSES = (
+    "*Success (paper)* is the paper's: the ego's rear bumper passes the front of every trap car "
+    "before the episode ends. *Success* is stricter: and no accident happens, not even later. The "
+    "paper published the first alone; results stored before both were counted have the second "
+    f"alone ({UNKNOWN})."
+)
 ESCAPES = 0.9
 """A seed escapes if more than this share of its test episodes do."""
 PICTURES = {
@@ -53,6 +59,7 @@ PICTURES = {
 COLUMNS = (
     ("accumulated_reward", "reward", 1.0, 2, ""),
     ("average_speed", "speed", 1.0, 2, " m/s"),
+    ("escape_rate", "success (paper)", 100.0, 2, " %"),
     ("success_rate", "success", 100.0, 2, " %"),
     ("travel_distance", "distance", 1.0, 1, " m"),
     ("accident_rate", "accidents", 100.0, 2, " %"),
@@ -160,6 +167,8 @@ def _summary(report: Any, paper: Any) -> str:
             tables.tests(arms, world),
         ]
     lines += [
+        SUCCESSES,
+        "",
         f"All seeds, none left out; made by `{report['command']}` ({report['date'][:10]}) on "
         f"{_machine(report)}. All {len(names)} arms and how much was run are in "
         "[docs/results.md](docs/results.md), the whole report with its figures, every seed and the "
@@ -265,8 +274,9 @@ def _briefly(stored: list[Any]) -> str:
     lines = [
         _age(BRIEFLY),
         "",
-        "| file | learns with | budget | reward | random | success, % | accidents, % |",
-        "|---|---|---:|---:|---:|---:|---:|",
+        "| file | learns with | budget | reward | random | success (paper), % | success, % "
+        "| accidents, % |",
+        "|---|---|---:|---:|---:|---:|---:|---:|",
     ]
     for each in stored:
         (seed,) = each["seeds"]
@@ -275,10 +285,14 @@ def _briefly(stored: list[Any]) -> str:
             *(f"`{each['example']}.py`", _learnt_with(each)),
             *(f"{each['steps']:,} {each['unit']}", f"{learnt.values['accumulated_reward']:.2f}"),
             f"{random.values['accumulated_reward']:.2f}",
-            *(f"{100 * learnt.values[name]:.1f}" for name in ("success_rate", "accident_rate")),
+            *(_percent(learnt, name) for name in ("escape_rate", "success_rate", "accident_rate")),
         ]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
+
+
+def _percent(summary: Summary, name: str) -> str:
+    return f"{100 * summary.values[name]:.1f}" if name in summary.values else UNKNOWN
 
 
 def _learner(stored: Any) -> ArmFigures:
@@ -327,6 +341,8 @@ def _details(report: Any) -> str:
         "figures and the paper's claims are in",
         "[the report of `standard`](../results/standard/report.md), made by",
         f"`{report['command']}` ({report['date'][:10]}) on {_machine(report)}.",
+        "",
+        SUCCESSES,
         "",
         _age(STANDARD),
         "",
@@ -417,7 +433,10 @@ def _readings(report: Any) -> str:
 
 
 def _line(tests: Rows) -> str:
-    return " | ".join(f"{mean(t[k] for t in tests) * s:.{d}f}{u}" for k, _, s, d, u in COLUMNS)
+    return " | ".join(
+        f"{mean(t[k] for t in tests) * s:.{d}f}{u}" if all(k in t for t in tests) else UNKNOWN
+        for k, _, s, d, u in COLUMNS
+    )
 
 
 if __name__ == "__main__":

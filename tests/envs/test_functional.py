@@ -9,8 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from lanewise.driving.episode import Outcome
 from lanewise.driving.parts import Parts
-from lanewise.envs import functional
+from lanewise.envs import functional, rows
+from lanewise.envs.control import Driven
 from lanewise.errors import SettingsError
 from lanewise.scenario import trap
 
@@ -57,6 +59,20 @@ def test_a_whole_loop_in_one_compiled_call():
     assert (seen[done][:, 1] == 0.0).all()  # a fresh ego stands at x = 0
     assert (decisions[done] == 0).all()
     assert (decisions[~done] > 0).all()
+
+
+def test_a_crash_after_the_escape_leaves_the_papers_success_and_takes_ours():
+    world = trap.sample(TASK.scenario, jax.random.key(0), "test")
+    state, shown = functional.start(TASK, world)
+    assert not shown.escaped
+    past = replace(state.episode, escaped=jnp.bool_(True))
+    for crashed in (False, True):
+        ended = jnp.bool_(crashed)
+        outcome = Outcome(jnp.float32(0.0), jnp.int32(crashed), ended, jnp.bool_(False))
+        driven = Driven(outcome, jnp.float32(0.0))
+        _, shown = functional.led_to(TASK, state, past, state.memory, driven)
+        facts = rows.unpack(rows.pack(shown))[1]
+        assert (facts["escaped"], facts["is_success"]) == (True, not crashed)
 
 
 def fast(settings, world, steering, accident):

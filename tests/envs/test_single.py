@@ -81,6 +81,7 @@ def test_an_episode_that_is_over_wants_a_reset(env):
     assert last[2]  # into the car ahead
     assert not last[3]
     assert last[4]["accident"] == 1
+    assert not last[4]["escaped"]
     assert not last[4]["is_success"]
     assert last[1] < 0
     with pytest.raises(ResetNeeded, match="call reset"):

@@ -69,6 +69,8 @@ class Step:
     """bool [] an accident ended the episode: no future to be valued."""
     truncated: Array
     """bool [] time ran out: the observation's value still counts."""
+    escaped: Array
+    """bool [] the ego has escaped by now: the paper's success, which a later accident leaves."""
     success: Array
     """bool [] the ego has escaped, and no accident has happened, by now."""
     accident: Array
@@ -239,6 +241,7 @@ def _shown(task: Trap, state: State) -> Step:
         reward=state.reward,
         terminated=none,
         truncated=none,
+        escaped=state.episode.escaped,
         success=none,
         accident=jnp.int32(0),
         speed=world.vehicles.speed[0],

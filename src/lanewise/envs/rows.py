@@ -13,6 +13,7 @@ FACTS = (
     ("reward", np.float64),
     ("terminated", np.bool_),
     ("truncated", np.bool_),
+    ("escaped", np.bool_),
     ("is_success", np.bool_),
     ("accident", np.int64),
     ("speed", np.float64),
@@ -24,16 +25,16 @@ INFO = tuple(name for name, _ in FACTS[3:])
 
 
 def pack(step: Step) -> Array:
-    """One row, float32 [n + 7]."""
+    """One row, float32 [n + 8]."""
     facts = (
         *(step.reward, step.terminated, step.truncated),
-        *(step.success, step.accident, step.speed, step.timestep_reward),
+        *(step.escaped, step.success, step.accident, step.speed, step.timestep_reward),
     )
     return jnp.concatenate([step.observation, jnp.stack([jnp.float32(fact) for fact in facts])])
 
 
 def unpack(rows: Any) -> tuple[NDArray[np.float32], dict[str, NDArray[Any]]]:
-    """(observations [..., n], the facts by name [...]) of rows [..., n + 7]."""
+    """(observations [..., n], the facts by name [...]) of rows [..., n + 8]."""
     fetched = np.asarray(rows)
     size = fetched.shape[-1] - len(FACTS)
     facts: dict[str, NDArray[Any]] = {

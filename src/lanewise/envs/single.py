@@ -33,9 +33,10 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
     """The trap with the nine low-level actions, two decisions a second: ``lanewise/Trap-v0``.
 
     Observations are the 26 features of `lanewise.driving.observation`, float32. ``info`` holds
-    ``is_success`` (escaped, and no accident), ``accident`` (0 none, 1 collision, 2 off the road,
-    3 come to a stop), ``speed`` (m/s), ``timestep_reward`` (the paper's sum: one reward a second),
-    and which start it was: ``seed`` and ``start``.
+    ``escaped`` (the paper's success: past the trap by now), ``is_success`` (and no accident),
+    ``accident`` (0 none, 1 collision, 2 off the road, 3 come to a stop), ``speed`` (m/s),
+    ``timestep_reward`` (the paper's sum: one reward a second), and which start it was: ``seed`` and
+    ``start``.
     """
 
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": 2}  # noqa: RUF012

@@ -252,7 +252,7 @@ def _final(last: Array, starts: Starts, done: Booleans) -> Info:
 
 
 def _fresh(task: Trap, seeds: Array, indices: Array) -> tuple[State, Array]:
-    """([W] states at these starts, [W, n + 7] rows)."""
+    """([W] states at these starts, [W, n + 8] rows)."""
 
     def one(seed: Array, index: Array) -> tuple[State, Array]:
         state, shown = functional.reset(task, trap.start_key(seed, task.split, index))

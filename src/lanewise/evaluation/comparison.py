@@ -39,7 +39,10 @@ COMPARED: Mapping[str, Compared] = {
     "average_speed": Compared(lambda episodes: episodes.average_speed),
     "travel_distance": Compared(lambda episodes: episodes.travel_distance),
 }
-"""The paper's metrics and our success by name. More speed and distance count as better, as in the paper."""
+"""The paper's metrics and our success, by name.
+
+More speed and distance count as better, as in the paper.
+"""
 
 
 @dataclass(frozen=True)

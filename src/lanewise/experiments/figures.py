@@ -114,9 +114,9 @@ def _curves(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Draw]]:
             Drawn(
                 "training",
                 "Training, exploration included: the paper's success and ours, reward and speed "
-                "over episodes, mean and spread over seeds (the paper's training figure). Arms whose episodes last "
-                "differently long (`duration` in their settings) differ in reward an episode for "
-                "that alone",
+                "over episodes, mean and spread over seeds (the paper's training figure). Arms "
+                "whose episodes last differently long (`duration` in their settings) differ in "
+                "reward an episode for that alone",
             ),
             lambda path: training_curves.write(rows, path, settled=settled),
         )

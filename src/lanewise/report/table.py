@@ -20,8 +20,10 @@ from lanewise.report.escape import cell, code, line
 NOTE = (
     "In parentheses 95 % intervals: exact (Clopper-Pearson) for shares of episodes,",
     "Student's for means over episodes, the delta method's for ratios of sums.",
+    "Success: past the trap without an accident, not even later; the paper's success",
+    "forgives a later accident.",
 )
-"""Two lines, each short enough for a terminal."""
+"""Lines, each short enough for a terminal."""
 TERMINAL = 80
 """Columns of the narrowest terminal worth fitting."""
 LEFT_OUT = "Published figures are left out where the paper did something else:"
