@@ -163,9 +163,8 @@ def _page(sweep: Sweep, document: Mapping[str, Any], captions: Mapping[str, str]
         table(sweep.cells),
         "In parentheses exact 95 % intervals of the pooled episodes. Success is to get past the "
         "trap without an accident, not even later; the paper's success forgives a later accident. "
-        "A start is winnable unless no "
-        "sequence of the nine actions, without other traffic, is an escape without an accident "
-        "within the test; with clearance, unless none of them stays "
+        "A start is winnable unless no sequence of the nine actions, without other traffic, is an "
+        "escape without an accident within the test; with clearance, unless none of them stays "
         f"{sweep.clearance:g} m away from the trap cars. Starts for which that is undecided: "
         f"{document['undecided_starts']}; they count as winnable.",
         *(f"![Success and accidents, {caption}]({name}.png)" for name, caption in captions.items()),
