@@ -9,7 +9,7 @@ import pytest
 
 from lanewise import version
 from lanewise.cli import main
-from lanewise.experiments import schedule
+from lanewise.experiments import drives, schedule
 from lanewise.report import provenance
 from lanewise.runs import lock
 
@@ -52,6 +52,14 @@ def test_it_leaves_a_report(done):
     for name in ("curves.png", "curves.svg", "clip.gif"):
         assert (out / name).stat().st_size > 1000
     assert "versions" in json.dumps(report)
+    for arm in report["arms"]:
+        (seed,) = arm["seeds"]
+        assert arm["median_seed"] == seed["seed"]
+        driven = drives.read(out / "drives" / f"{arm['name']}.npz")
+        assert len(driven) == drives.EPISODES
+        assert {drive.controller for drive in driven} == {arm["controller"]}
+        assert [line["stage"] for line in seed["weights"]][-1] in ("step-2", "single-level")
+    assert "## Kept and last weights" in (out / "report.md").read_text()
     trained_by = [seed["trained_by"] for arm in report["arms"] for seed in arm["seeds"]]
     assert trained_by == [version.source()] * 2
     line = provenance.trained_by(trained_by)

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 from lanewise import config
 from lanewise.evaluation import metrics
 from lanewise.evaluation.metrics import Paired
-from lanewise.experiments import claims, content, figures, readings, stored
+from lanewise.experiments import claims, content, drives, figures, readings, stored
 from lanewise.experiments.claims import Claim, Driven, Evidence, Seed
 from lanewise.experiments.content import Content
 from lanewise.experiments.experiment import Experiment
@@ -77,6 +77,7 @@ def _draw(
     if any(len(result.seeds) > 1 for result in results):
         drawn.insert(0, figures.of_seeds([content.figures_of(each) for each in results], out))
     clip.render(_shown(results).seeds[0].record(), out / "clip.gif")
+    drives.write(out, results)
     lines = [line for result in _in_curves(results) for line in result.seeds[0].whole_training]
     if chunks := [line for line in lines if line["kind"] == "chunk"]:
         for suffix in figures.SUFFIXES:

@@ -6,7 +6,7 @@ from typing import Any
 
 from lanewise import config
 from lanewise.evaluation import metrics
-from lanewise.experiments import published
+from lanewise.experiments import drives, published
 from lanewise.experiments.content import Content, paired
 from lanewise.experiments.results import ArmResult, SeedResult
 from lanewise.report import arms as tables
@@ -43,6 +43,7 @@ def _arm_json(result: ArmResult) -> dict[str, Any]:
             "test": published.unlike_test(settings),
             "training": published.unlike_training(settings),
         },
+        "median_seed": drives.median_seed(result.seeds).job.seed,
         "seeds": [_seed_json(seed) for seed in result.seeds],
     }
 
