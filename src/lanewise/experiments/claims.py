@@ -336,13 +336,8 @@ def measure(line: dict[str, Any], name: str) -> float:
     return float(line[name])
 
 
-def _escaped(episodes: Episodes) -> NDArray[np.bool_]:
-    """[E] the paper's success: past every trap car before the end, accidents or not."""
-    return ~np.isnan(episodes.escape_time)
-
-
 def _test_rate(evidence: Evidence) -> float:
-    return float(_escaped(evidence.test).mean())
+    return float(evidence.test.escaped.mean())
 
 
 def _test_reward(evidence: Evidence) -> float:
