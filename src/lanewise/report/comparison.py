@@ -14,7 +14,7 @@ from lanewise.evaluation.comparison import Comparison
 from lanewise.ranges import show
 from lanewise.report import sections
 from lanewise.report.escape import cell, code
-from lanewise.report.provenance import versions
+from lanewise.report.provenance import commits, source, versions
 from lanewise.report.sections import Lines, Section, letter
 from lanewise.report.table import NOTE, TERMINAL
 
@@ -160,7 +160,8 @@ def _test(page: Page) -> str:
 
 
 def _origin(page: Page) -> str:
-    made = ", ".join(f"{name} {number}" for name, number in versions().items())
+    packages = (f"{name} {number}" for name, number in versions().items())
+    made = ", ".join([*packages, commits([source()])])
     return f"{code(page.command)}, {datetime.now(UTC).isoformat(timespec='seconds')}; {cell(made)}"
 
 
