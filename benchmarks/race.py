@@ -5,31 +5,30 @@
 The hierarchical controller's settings were chosen in 37 trainings (`results/search.json`, without
 those of h-DQN and of preset `ranges`). Here each of the two others gets as many: 25 settings with
 one seed, the defaults and 24 drawn from `SPACES`; then the best four with three seeds more. All
-have the budget of preset `quick`. What counts is the score of the kept weights on 1,000 validation
-starts by which no weights were chosen; the test start is not looked at. The same command continues
-what was stopped. `race/race.json` holds every training.
+have the budget of preset `quick`, and a step size that falls over as many updates as they make.
+What counts is the score of the kept weights on 1,000 validation starts by which no weights were
+chosen; the test start is not looked at. The same command continues what was stopped.
+`race/race.json` holds every training.
 """
 
 import argparse
 import json
-import os
-import subprocess
 import sys
-import time
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from threading import Lock
 
 import numpy as np
 
-from lanewise import cores
-from lanewise.evaluation.concurrent import ONE_THREAD
+from lanewise import config, cores, version
+from lanewise.experiments import schedule
+from lanewise.experiments.work import Job
 from lanewise.report import provenance
-from lanewise.runs import metrics
-from lanewise.training import selection
+from lanewise.runs import kept, lock, metrics, trained
+from lanewise.runs.folder import RunFolder
 
-SPACES = {
+SPACES: dict[str, dict[str, Sequence[object]]] = {
     "single-level": {
         "single_level.hold": (1, 2, 3, 5, 8),
         "single_level.learner.discount": (0.8, 0.9, 0.95, 0.97, 0.99),
@@ -49,103 +48,109 @@ SPACES = {
 }
 """By controller, the settings that are searched, and their values."""
 DRAWN, BEST, MORE_SEEDS = 24, 4, (1, 2, 3)
+RATIO, DECAY = "updates_per_step", "learner.learning_rate_decay"
+
+
+@dataclass(frozen=True)
+class Training(Job):
+    """A training that is not tested."""
+
+    @property
+    def done(self) -> bool:
+        """Whether it is finished."""
+        return (self.path / "controller.json").exists()
 
 
 def main() -> None:
     """Race both controllers and write down every training."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, required=True)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True, help="folder of the runs and race.json")
     parser.add_argument("--controllers", nargs="+", choices=SPACES, default=list(SPACES))
     parser.add_argument("--processes", type=int, default=len(cores.usable()))
     options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
     for controller in options.controllers:
-        first = [(number, changes, 0) for number, changes in enumerate(settings_of(controller))]
-        race(options, controller, first)
-        ranked = sorted(first, key=lambda one: -score(figures(folder(options, controller, *one))))
-        again = [(*one[:2], seed) for one in ranked[:BEST] for seed in MORE_SEEDS]
-        race(options, controller, again)
+        tried = range(len(settings_of(controller)))
+        race(options, [training(options.out, controller, number, 0) for number in tried])
+        ranked = sorted(tried, key=lambda number: -score(options.out, controller, number))
+        race(
+            options,
+            [
+                training(options.out, controller, number, seed)
+                for number in ranked[:BEST]
+                for seed in MORE_SEEDS
+            ],
+        )
 
 
 def settings_of(controller: str) -> list[dict[str, object]]:
     """What is tried: the defaults, and settings drawn without repetition, always the same ones."""
     rng, space = np.random.default_rng(0), SPACES[controller]
-    found: list[dict[str, object]] = [{}]
+    defaults = config.flatten(config.compose())
+    found = [{name: defaults[name] for name in space}]
     while len(found) <= DRAWN:
         changes = {name: values[rng.integers(len(values))] for name, values in space.items()}
         if changes not in found:
             found.append(changes)
-    return found
+    return [changes | _decays(changes, defaults) for changes in found]
 
 
-def folder(options: argparse.Namespace, controller: str, number: int, _: object, seed: int) -> Path:
-    """Where a training lies."""
-    return options.out / controller / f"{number:02d}" / f"seed-{seed}"
+def _decays(changes: Mapping[str, object], defaults: Mapping[str, object]) -> dict[str, object]:
+    """Updates over which the step size falls: by default as many as there are in all."""
+    return {
+        (decay := name.replace(RATIO, DECAY)): round(defaults[decay] * value / defaults[name])
+        for name, value in changes.items()
+        if name.endswith(RATIO)
+    }
 
 
-def race(options: argparse.Namespace, controller: str, runs: list[tuple]) -> None:
-    """Train what is left, as many at once as there are cores; the record grows with each."""
-
-    writing = Lock()
-
-    def one(run: tuple) -> None:
-        number, changes, seed = run
-        path = folder(options, controller, *run)
-        if not (path / "controller.json").exists():
-            train(controller, changes, seed, path)
-        with writing:
-            write(options.out)
-        done = figures(path)
-        sys.stderr.write(
-            f"{controller} {number:02d}, seed {seed}: success {done['kept_success_rate']:.1%}, "
-            f"accidents {done['kept_accident_rate']:.1%}, reward {done['kept_reward']:.2f}\n"
-        )
-
-    with ThreadPoolExecutor(options.processes) as pool:
-        list(pool.map(one, runs))
+def training(out: Path, controller: str, number: int, seed: int) -> Training:
+    """One of the race."""
+    return Training(
+        arm=f"{controller} {number:02d}",
+        controller=controller,
+        trains=True,
+        settings=config.compose(flags=settings_of(controller)[number]),
+        seed=seed,
+        path=out / controller / f"{number:02d}" / f"seed-{seed}",
+        high_level=None,
+        episodes={},
+    )
 
 
-def train(controller: str, changes: dict[str, object], seed: int, path: Path) -> None:
-    """One training, or the rest of it, in a process of its own."""
-    flags = [f"--{name.replace('_', '-')}={value}" for name, value in changes.items()]
-    words = ["train", controller, "--out", str(path)]
-    words += ["--resume"] if (path / "run.json").exists() else ["--seed", str(seed), *flags]
-    environment = os.environ | {"XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {ONE_THREAD}"}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    began = time.monotonic()
-    with open(f"{path}.log", "a") as log:
-        command = [sys.executable, "-m", "lanewise", *words]
-        subprocess.run(command, env=environment, stdout=log, stderr=log, check=True)
-    with open(f"{path}.log", "a") as log:
-        log.write(f"seconds {time.monotonic() - began:.1f}\n")
+def race(options: argparse.Namespace, runs: Sequence[Training]) -> None:
+    """Train what is left, as many at once as there are cores; then write the record."""
+    with lock.held(options.out, "racing") as out:
+        schedule.run(runs, options.processes, sys.stderr, out)
+    write(options.out)
 
 
-def figures(path: Path) -> dict[str, object]:
-    """How the weights that a finished training kept do on fresh validation starts."""
-    lines = metrics.read(path / "metrics.jsonl")
-    return next(line for line in reversed(lines) if line["kind"] == "weights")
+def score(out: Path, controller: str, number: int) -> float:
+    """Of the weights that the first seed kept."""
+    return weights_of(training(out, controller, number, 0).path).score
 
 
-def score(figures: dict[str, object]) -> float:
-    """Of the kept weights, as training chooses between its own."""
-    names = ("success_rate", "accident_rate", "reward")
-    return selection.weighed(*(figures[f"kept_{name}"] for name in names))
+def weights_of(path: Path) -> kept.Kept:
+    """The weights that a finished training kept, on fresh validation starts."""
+    return kept.of_run(metrics.read(path / "metrics.jsonl"))[-1]
 
 
 def write(out: Path) -> None:
     """The record of every training that is finished."""
     rows = []
-    for path in sorted(out.glob("*/*/seed-*/controller.json")):
-        controller, number, seed = path.parts[-4:-1]
-        changes = settings_of(controller)[int(number)]
-        found = figures(path.parent)
+    for path in sorted(path.parent for path in out.glob("*/*/seed-*/controller.json")):
+        controller, number, seed = path.parts[-3:]
+        folder, weights = RunFolder.open(path), weights_of(path)
         rows.append(
             {
                 "controller": controller,
                 "number": int(number),
-                "changes": changes,
+                "changes": settings_of(controller)[int(number)],
                 "seed": int(seed.removeprefix("seed-")),
-                "score": score(found),
-                **{name: found[name] for name in found if name.startswith(("kept_", "last_"))},
+                "score": weights.score,
+                **{name: value for name, value in weights.line.items() if "_" in name},
+                "trained_by": dict(folder.source),
+                "weights_sha256": trained.fingerprint(folder),
             }
         )
     record = {
@@ -153,7 +158,7 @@ def write(out: Path) -> None:
         "hierarchical one: benchmarks/race.py says how.",
         "command": f"python benchmarks/race.py --out {out}",
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        **provenance.source(),
+        **version.source(),
         "versions": provenance.versions(),
         "machine": provenance.machine(),
         "spaces": SPACES,

@@ -12,6 +12,7 @@ import zipfile
 import numpy as np
 
 from lanewise import reading
+from lanewise.runs import records
 
 HOSTILE = (
     *(None, True, -1, 10**30, 1e308, -0.5, "", "x", "../../etc/passwd", "/dev/zero", "\x1b[2J\x07"),
@@ -292,7 +293,7 @@ def signed_metrics(rng, file, other):
     name = names[rng.integers(len(names))]
     match rng.integers(3):
         case 0:
-            if name.startswith(("validation_", "best_chunk", "high_level_")):
+            if name.startswith(records.OPTIONAL):
                 name = "kind"
             del record[name]
         case 1:

@@ -7,7 +7,8 @@
     <!-- /age -->
 
 A mark names a result file, or a folder of them, from the root of the repository. Behind a comma it
-may say which part of the result depends on training. Results of the world alone have no mark.
+may say which part of the result depends on training. Results of the world alone have no mark; those
+of other people's learners have one and are never stale.
 """
 
 import json
@@ -63,7 +64,8 @@ def note(stored: Sequence[Any], what: str = "") -> str:
     dates = sorted({result["date"][:10] for result in stored})
     made = f"{provenance.commits(sources)}, {' to '.join(dict.fromkeys((dates[0], dates[-1])))}"
     trainings = {source.get("training") for source in sources}
-    if trainings == {version.training()}:
+    others = all("learner" in result for result in stored)
+    if others or trainings == {version.training()}:
         return f"{made[0].upper()}{made[1:]}."
     since = "results named their training" if None in trainings else "training changed"
     part = f" in {what}" if what else ""
@@ -77,7 +79,8 @@ def _sources(result: Any) -> list[Any]:
             seed for arm in result["arms"] for seed in arm["seeds"] if seed["effort"] is not None
         ]
         return [seed.get("trained_by", {}) for seed in seeds]
-    return [result.get("trained_by", result)]
+    rows = [row["trained_by"] for row in result.get("rows", ()) if "trained_by" in row]
+    return rows or [result.get("trained_by", result)]
 
 
 def _remedy(stored: Sequence[Any]) -> str:

@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from lanewise.report import provenance
-from lanewise.runs import metrics, shelf, trained
-from lanewise.training import selection
+from lanewise.runs import kept, metrics, shelf, trained
 
 KEPT = ("run.json", "settings.toml", "controller.json", "controller.safetensors")
 
@@ -28,7 +27,7 @@ def main() -> None:
     source, name = Path(sys.argv[1]), sys.argv[2]
     runs = [source] if (source / "run.json").exists() else sorted(source.glob("seed-*"))
     found = {run: chosen_by(run) for run in runs}
-    run = max(runs, key=lambda run: merit(last(found[run])))
+    run = max(runs, key=lambda run: last(found[run])["score"])
     controller = trained.load(run)
     target = shelf.PRETRAINED / name
     target.mkdir(parents=True, exist_ok=True)
@@ -52,25 +51,21 @@ def main() -> None:
 
 
 def chosen_by(run: Path) -> dict[str, dict[str, Any]]:
-    """The validation figures of the weights each stage kept, by stage."""
-    found = {}
-    for line in metrics.read(run / "metrics.jsonl"):
-        if line["kind"] == "chunk" and line.get("best_chunk") == line["chunk"]:
-            found[line["stage"]] = {
-                name: value for name, value in line.items() if name.startswith("validation")
-            }
-    return found
+    """How the weights that each stage kept do on fresh validation starts, by stage."""
+    return {
+        weights.stage: {
+            f"validation_{name.removeprefix('kept_')}": value
+            for name, value in weights.line.items()
+            if name.startswith("kept_") and name != "kept_chunk"
+        }
+        | {"score": weights.score}
+        for weights in kept.of_run(metrics.read(run / "metrics.jsonl"))
+    }
 
 
 def last(stages: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """The figures of the last stage."""
     return list(stages.values())[-1]
-
-
-def merit(validation: dict[str, Any]) -> float:
-    """As training chooses between its own weights."""
-    names = ("success_rate", "accident_rate", "reward")
-    return selection.weighed(*(validation[f"validation_{name}"] for name in names))
 
 
 if __name__ == "__main__":

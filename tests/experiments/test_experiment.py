@@ -2,6 +2,7 @@
 
 import tomllib
 from importlib import resources
+from pathlib import Path
 
 import pytest
 
@@ -9,6 +10,8 @@ from lanewise import config
 from lanewise.errors import SettingsError
 from lanewise.experiments import experiment
 from lanewise.experiments.experiment import BUILT_IN
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
 HEAD = 'preset = "quick"\nseeds = 2\nepisodes = 3\nhighway_env_episodes = 0\n'
 ARM = '[arms.a]\ncontroller = "single-level"\n'
@@ -45,6 +48,14 @@ def test_the_large_ones_hold_every_arm_of_the_paper(name):
         worlds = found.worlds if name == "standard" else 1
         schedules.append((found.exploration.start, found.exploration.steps / worlds))
     assert schedules == [(0.5, 1000), (1.0, 1000), (0.5, 5000)]
+
+
+@pytest.mark.parametrize("file", sorted(BENCHMARKS.glob("*.toml")), ids=lambda file: file.stem)
+def test_experiments_beside_the_package_can_be_run(file):
+    found = experiment.load_file(file)
+    for arm in found.arms:
+        changed = config.flatten(found.settings(arm, "trap-10", {}))
+        assert {name: changed[name] for name in arm.changes} == arm.changes
 
 
 def test_the_papers_size():

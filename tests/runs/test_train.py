@@ -60,6 +60,25 @@ def test_both_levels_of_h_dqn_resume_to_the_same_bytes(tmp_path, monkeypatch):
     }
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("at", [6, 8])
+def test_a_window_of_validations_goes_on_where_it_was(tmp_path, at, monkeypatch):
+    """The weights of more validations than are held at once."""
+    flags = small_runs.flags(chunks=9) | {"evaluation.validation_interval": 1}
+    with small_runs.create(tmp_path / "whole", flags, "single-level", 4) as folder:
+        train.train(folder, None, Quiet())
+    monkeypatch.setattr(train, "INTERVAL", 1e9)
+    path = tmp_path / "run"
+    stopped = Quiet(("single-level", at), press_ctrl_c)
+    with (
+        small_runs.create(path, flags, "single-level", 4) as folder,
+        pytest.raises(KeyboardInterrupt),
+    ):
+        train.train(folder, None, stopped)
+    resume(path)
+    assert results(path) == results(tmp_path / "whole")
+
+
 def test_a_finished_run_needs_no_checkpoints(whole):
     assert list((whole / "checkpoints").iterdir()) == []
 

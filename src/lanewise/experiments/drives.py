@@ -50,7 +50,7 @@ def save(path: Path, recordings: Sequence[Recording]) -> None:
         for number, recording in enumerate(recordings)
         for field in fields(Recording)
     }
-    np.savez_compressed(path, allow_pickle=False, **arrays)
+    np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
 
 def read(path: Path) -> list[Recording]:

@@ -17,7 +17,7 @@ from lanewise.evaluation.metrics import (
     Summary,
 )
 from lanewise.report.escape import cell, line
-from lanewise.report.table import bounds, left_out, number, unit
+from lanewise.report.table import bounds, left_out, number, spread, unit
 
 PAPER = (
     *("accumulated_reward", "average_speed", "escape_rate", "success_rate"),
@@ -146,7 +146,7 @@ def training(arms: Sequence[ArmFigures]) -> str:
             ]
             rows.append([f"*{cell(arm.controller)}, published*", "5", *cells])
         cells = [
-            _range([factor * last_mean(rows_, name) for rows_ in arm.training], digits)
+            spread([factor * last_mean(rows_, name) for rows_ in arm.training], digits)
             for name, _, factor, digits in TRAINING
         ]
         rows.append([cell(arm.title), str(len(arm.training)), *cells])
@@ -178,8 +178,8 @@ def last_mean(rows: Rows, name: str) -> float:
 
     NaN also where an episode from an older version does not tell it.
     """
-    last = [float(row.get(name, nan)) for row in rows[-TRAINING_WINDOW:]]
-    return float(np.mean(last)) if last else nan
+    last = [row.get(name) for row in rows[-TRAINING_WINDOW:]]
+    return float(np.mean([nan if value is None else value for value in last])) if last else nan
 
 
 def text(arms: Sequence[ArmFigures], world: str) -> str:
@@ -248,15 +248,6 @@ def _span(metric: Metric, values: Sequence[float]) -> str:
     if len(values) == 1 or shown == UNKNOWN:
         return shown
     return f"{shown} ({number(metric, min(values))} to {number(metric, max(values))})"
-
-
-def _range(values: Sequence[float], digits: int) -> str:
-    if not all(map(isfinite, values)):
-        return UNKNOWN
-    mean = f"{np.mean(values):.{digits}f}"
-    if len(values) == 1:
-        return mean
-    return f"{mean} ({min(values):.{digits}f} to {max(values):.{digits}f})"
 
 
 def _with_interval(metric: Metric, summary: Summary) -> str:

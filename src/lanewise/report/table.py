@@ -181,14 +181,16 @@ def bounds(metric: Metric, interval: Interval) -> str:
 
 
 def spread(values: Sequence[float], digits: int) -> str:
-    """Mean of the known values over seeds, the lowest and the highest in parentheses."""
-    known = [value for value in values if isfinite(value)]
-    if not known:
+    """Mean over seeds, the lowest and the highest in parentheses.
+
+    Unknown if there is none, or if a seed's is: of fewer it would be another mean.
+    """
+    if not len(values) or not all(map(isfinite, values)):
         return "-"
-    mean = f"{sum(known) / len(known):.{digits}f}"
-    if len(known) == 1:
+    mean = f"{sum(values) / len(values):.{digits}f}"
+    if len(values) == 1:
         return mean
-    return f"{mean} ({min(known):.{digits}f} to {max(known):.{digits}f})"
+    return f"{mean} ({min(values):.{digits}f} to {max(values):.{digits}f})"
 
 
 def _scale(metric: Metric) -> float:

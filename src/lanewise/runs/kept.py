@@ -1,12 +1,13 @@
 """The weights that a stage kept beside its last ones, and whether they are an accident.
 
-Both drive validation starts by which no weights were chosen (`training.host.compare`). Imports no
-JAX.
+Both drive validation starts by which no weights were chosen (`training.host.compare`).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+from lanewise.training.selection import weighed
 
 FAR = 0.2
 """Kept weights whose success or accidents are so far from the last ones' are an outlier."""
@@ -27,6 +28,12 @@ class Kept:
     def stage(self) -> str:
         """The stage's name."""
         return str(self.line["stage"])
+
+    @property
+    def score(self) -> float:
+        """What they are worth on fresh starts, as training chooses between its own."""
+        names = ("success_rate", "accident_rate", "reward")
+        return weighed(*(self.line[f"kept_{name}"] for name in names))
 
     @property
     def warnings(self) -> Iterator[str]:
@@ -61,4 +68,4 @@ def _chosen_for(weights: Mapping[str, Any], lines: Sequence[Mapping[str, Any]]) 
         return None
     place = ("chunk", weights["stage"], weights["kept_chunk"])
     chunks = (line for line in lines if (line["kind"], line["stage"], line.get("chunk")) == place)
-    return next(float(line["validation_success_rate"]) for line in chunks)
+    return next((float(line["validation_success_rate"]) for line in chunks), None)

@@ -26,7 +26,7 @@ COLUMNS = {
     ),
 }
 """Fields by kind of record, besides the kind itself."""
-_OPTIONAL = ("validation_", "best_chunk", "high_level_", "escape")
+OPTIONAL = ("validation_", "best_chunk", "high_level_", "escape")
 """Begins what not every record has; older ones lack the paper's success."""
 _TEXTS = ("kind", "stage", "accident", "rule")
 _COUNTS = (
@@ -60,7 +60,7 @@ def _problem(record: dict[str, Any]) -> str:
     if kind not in COLUMNS:
         return f"is none of {', '.join(COLUMNS)}"
     for name in COLUMNS[kind]:
-        if name not in record and not name.startswith(_OPTIONAL):
+        if name not in record and not name.startswith(OPTIONAL):
             return f"lacks {name}"
     for name, value in record.items():
         if name != "kind" and name not in COLUMNS[kind]:

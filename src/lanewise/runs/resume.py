@@ -200,7 +200,8 @@ def _check_books(ledger: Ledger, plan: StagePlan) -> None:
         raise CheckpointError("its ledger counts more than there can be")
     if bool(ledger.best_score) != bool(ledger.best_chunk):
         raise CheckpointError("its best score and the chunk of that do not agree")
-    if not len(ledger.window) == len(ledger.window_chunks) <= ledger.validations:
+    held = min(ledger.validations, selection.WINDOW)
+    if not len(ledger.window) == len(ledger.window_chunks) == held:
         raise CheckpointError("its last validations do not agree")
     if len(ledger.recent) != min(ledger.episodes, selection.RECENT):
         raise CheckpointError("its last rewards and episodes do not agree")
