@@ -75,7 +75,7 @@ _PAPER_LEVEL: dict[str, object] = {
     "exploration.end": 0.02,
     "exploration.steps": 1000,
     "learner.learning_rate_decay": 0,
-    # One batch: with the default of 1000 steps exploration would be over before anything is learnt.
+    # With the default of 1000 steps exploration would be over before anything is learnt.
     "learner.warm_up": 64,
 }
 _PAPER_METHOD: dict[str, object] = {
@@ -142,7 +142,8 @@ PRESETS: dict[str, dict[str, object]] = {
 
 ``quick`` and ``paper`` train on the paper's ranges of D1 and D2; ``ranges`` also over ego speeds,
 trap speeds and numbers of lanes (docs/ranges.md). ``paper`` is what the paper states, in one world,
-with highway-env's own scaling; nothing of what ``quick`` adds to the method is in it.
+with highway-env's own scaling. What ``quick`` adds to the method is not in it, but that a goal reached
+within a second is renewed at once (row 22b), and that MOBIL's gain may equal its threshold (row 30).
 """
 
 TRAPS: dict[str, dict[str, object]] = {

@@ -31,8 +31,8 @@ class Reproduce:
     out: Path
     """Folder for the runs and the report: new or empty, or one of this experiment."""
     preset: Annotated[str, OneOf(BUILT_IN)] = "quick"
-    """Which experiment: quick (two arms, one seed, minutes), standard (every arm, five seeds, an
-    afternoon), paper (the same at the paper's size)."""
+    """Which experiment: quick (two arms, one seed, minutes), standard (every arm, 5 to 20 seeds,
+    hours), paper (what the paper states, at its size, five seeds, a night)."""
     experiment: Path | None = None
     """TOML file with an experiment of your own, instead of a preset."""
     only: tuple[str, ...] = ()

@@ -25,7 +25,7 @@ MOSTLY = 0.9
 """Above this success rate a controller escapes."""
 EXPLORING = 100
 """At least so many first episodes are the initial exploration phase: with one world epsilon settles
-within the fourth of the paper's 2000."""
+within the first few of the paper's 2000."""
 STEADY = 0.1
 """Nearly constant: a standard deviation of at most this share of the mean."""
 TARGET_SPEED, NEAR = 15.0, 1.0
@@ -205,8 +205,8 @@ def _keeps_improving(seeds: Sequence[Seed]) -> Claim:
         'The hierarchical controller "continued to show enhancements even when the exploration '
         'value stabilized"',
         tuple(b > a for a, b in zip(settled, late, strict=True)),
-        f"success in {TRAINING_WINDOW} training episodes: {_percent(settled)} when epsilon "
-        f"settled, {_percent(late)} at the end",
+        f"success in {TRAINING_WINDOW} training episodes: {_percent(settled)} when exploration "
+        f"had ended, {_percent(late)} at the end",
     )
 
 
