@@ -237,7 +237,7 @@ training_trap_speed training_lanes training_front_distance training_side_distanc
 test_front_distance test_side_distance missing_target_speed vehicles_ahead vehicles_behind
 spacing spacing_jitter gap_behind simulation_frequency decision_frequency stopped_speed scaling
 x_range relative_speed_range perception_distance speed_weight steering_weight centring_weight
-accident_penalty validation_episodes validation_interval
+accident_penalty validation_episodes validation_interval fresh_episodes
 """
 """The last words that say by themselves what they are; whoever adds a setting judges its own."""
 

@@ -110,6 +110,7 @@ def made(tmp_path, monkeypatch):
             work._origin(job),
         )
     monkeypatch.setattr(reporting.clip, "render", lambda recording, path: None)
+    monkeypatch.setattr(reporting.drives, "write", lambda out, results: None)
     monkeypatch.setattr(results.SeedResult, "record", lambda self, episode=0: None)
     monkeypatch.setattr(
         reporting.figures, "write", lambda out, arms: [reporting.figures.Drawn("x", STRANGE[7])]
