@@ -66,7 +66,7 @@ def source() -> dict[str, Any]:
 
 
 def commit_of(source: Mapping[str, Any]) -> str:
-    """The commit of a source, for people."""
+    """The short name of a commit; says if its tree had changes, or if it is unknown."""
     if not source.get("commit"):
         return "no commit recorded"
     changed = "" if source["clean_tree"] else " with changes"

@@ -159,8 +159,8 @@ EPISODE = {
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"kind": "epoch"}, "line 1 is none of episode, chunk, weights"),
-        ({"kind": None}, "line 1 is none of episode, chunk, weights"),
+        ({"kind": "epoch"}, "line 1 has a kind other than episode, chunk, weights"),
+        ({"kind": None}, "line 1 has a kind other than episode, chunk, weights"),
         ({"luck": 3}, 'line 1 has a field "luck", which does not belong there'),
         ({"stage": 3}, "line 1 holds no stage"),
         ({"episode": -1}, "line 1 holds no episode"),

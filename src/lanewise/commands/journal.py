@@ -150,7 +150,7 @@ def _result(record: Any, before: str) -> Reach | Outcome:
         raise ValueError("a line is no result")
     for name, value in values.items():
         if type(value) not in (get_args(known[name].type) or (known[name].type,)):
-            raise ValueError(f"{name} is none")
+            raise ValueError(f"{name} has a value of the wrong type")
     if record.get("digest") != _digest(before, record):
         raise ValueError("a line was altered, left out or moved")
     result: Reach | Outcome = kind(**values)

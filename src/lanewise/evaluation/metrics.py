@@ -182,8 +182,7 @@ class Summary:
     episodes: int
     """Number of test episodes."""
     values: Mapping[str, float]
-    """By metric; NaN where there is nothing to average. Summaries that were stored before a metric
-    was there lack it."""
+    """By metric; NaN where there is nothing to average. An older summary lacks newer metrics."""
     accidents: Mapping[str, int]
     """Episodes by cause: collision, off_road, stopped."""
     intervals: Mapping[str, Interval]

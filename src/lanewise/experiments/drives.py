@@ -7,6 +7,7 @@ says which seed it is (``median_seed``); the seed's weights are in ``runs/ARM/se
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
+from statistics import median_low
 from typing import Any
 
 import numpy as np
@@ -27,12 +28,12 @@ def median_seed(seeds: Sequence[SeedResult]) -> SeedResult:
 
     Of an even number the lower of the two.
     """
-
-    def figures(seed: SeedResult) -> tuple[float, float]:
-        values = seed.tests[WORLDS[0]].summary.values
-        return values["success_rate"], values["accumulated_reward"]
-
-    return sorted(seeds, key=figures)[(len(seeds) - 1) // 2]
+    tests = (seed.tests[WORLDS[0]].summary.values for seed in seeds)
+    ranked = (
+        (values["success_rate"], values["accumulated_reward"], place)
+        for place, values in enumerate(tests)
+    )
+    return seeds[median_low(ranked)[-1]]
 
 
 def write(out: Path, results: Sequence[ArmResult]) -> None:

@@ -185,7 +185,7 @@ def read_test(job: Job, world: str) -> Test | None:
     # The figures follow from the episodes: if one of the two was altered, they no longer do.
     if not _agree(summary.to_json(), again.to_json()):
         raise RunError(f"{file} and {table.name} do not agree{_AGAIN}")
-    # Metrics that are newer than the stored summary are told by the episodes.
+    # An older summary lacks newer metrics; the episodes have them.
     values = {**again.values, **summary.values}
     intervals = {**again.intervals, **summary.intervals}
     whole = replace(summary, values=values, intervals=intervals)

@@ -25,7 +25,7 @@ def versions() -> dict[str, str]:
 
 
 def commits(sources: Sequence[Mapping[str, Any]]) -> str:
-    """The commits of some results, for people, each once."""
+    """Short names of the commits behind some results, without repetition."""
     return ", ".join(dict.fromkeys(map(commit_of, sources)))
 
 

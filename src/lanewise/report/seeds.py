@@ -27,7 +27,7 @@ LETTERS = 34
 REFERENCE = "not trained"
 """Name of all controllers that learn nothing."""
 SPREAD = 0.22
-"""Dots of one row lie so far above and below its middle, so that equal ones are told apart."""
+"""How far the dots of a row are spread around its middle, so that equal values do not overlap."""
 
 
 def write(arms: Sequence[ArmFigures], world: str, path: Path | str) -> None:

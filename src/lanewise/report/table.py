@@ -183,7 +183,7 @@ def bounds(metric: Metric, interval: Interval) -> str:
 def spread(values: Sequence[float], digits: int) -> str:
     """Mean over seeds, the lowest and the highest in parentheses.
 
-    Unknown if there is none, or if a seed's is: of fewer it would be another mean.
+    "-" if there is no seed, or if one seed's value is unknown.
     """
     if not len(values) or not all(map(isfinite, values)):
         return "-"

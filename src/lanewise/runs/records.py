@@ -58,7 +58,7 @@ def _problem(record: dict[str, Any]) -> str:
     """What is wrong with a record; empty where nothing is."""
     kind = record.get("kind")
     if kind not in COLUMNS:
-        return f"is none of {', '.join(COLUMNS)}"
+        return f"has a kind other than {', '.join(COLUMNS)}"
     for name in COLUMNS[kind]:
         if name not in record and not name.startswith(OPTIONAL):
             return f"lacks {name}"

@@ -163,12 +163,17 @@ def book(
 
 def result(plan: StagePlan, progress: StageProgress) -> Parameters:
     """The parameters the stage hands on, by level that learnt."""
+    return _kept(plan, progress)[0]
+
+
+def _kept(plan: StagePlan, progress: StageProgress) -> tuple[Parameters, int]:
+    """(parameters the stage hands on, the chunk they are of)."""
     if plan.course.budget.keep == "last" or not progress.ledger.best_score:
-        return last(progress)
-    return progress.best
+        return _last(progress), progress.ledger.chunks
+    return progress.best, progress.ledger.best_chunk
 
 
-def last(progress: StageProgress) -> Parameters:
+def _last(progress: StageProgress) -> Parameters:
     """The parameters as they are now, by level that learns."""
     now: Parameters = jax.device_get(stage.online(progress.state.learners))
     return now
@@ -177,24 +182,21 @@ def last(progress: StageProgress) -> Parameters:
 def compare(plan: StagePlan, frozen: Parameters, progress: StageProgress) -> dict[str, Any]:
     """A line about a finished stage: what it hands on and its last weights, on fresh starts.
 
-    Kept weights that do otherwise than the last ones, or than in the validation they were chosen
-    by, are an outlier of training.
+    `runs.kept` says when the two are an accident.
     """
-    ledger = progress.ledger
-    chosen = plan.course.budget.keep != "last" and bool(ledger.best_score)
-    line: dict[str, Any] = {
+    weights, chunk = _kept(plan, progress)
+    last = _fresh(plan, frozen | _last(progress))
+    kept = last if chunk == progress.ledger.chunks else _fresh(plan, frozen | weights)
+    return {
         "kind": "weights",
         "stage": plan.name,
         "rule": plan.course.budget.keep,
-        "kept_chunk": ledger.best_chunk if chosen else ledger.chunks,
-        "last_chunk": ledger.chunks,
+        "kept_chunk": chunk,
+        "last_chunk": progress.ledger.chunks,
         "fresh_episodes": plan.fresh_episodes,
+        **{f"last_{name}": value for name, value in last.items()},
+        **{f"kept_{name}": value for name, value in kept.items()},
     }
-    found = _fresh(plan, frozen | last(progress))
-    line |= {f"last_{name}": value for name, value in found.items()}
-    if line["kept_chunk"] != ledger.chunks:
-        found = _fresh(plan, frozen | progress.best)
-    return line | {f"kept_{name}": value for name, value in found.items()}
 
 
 def _fresh(plan: StagePlan, parameters: Parameters) -> dict[str, float]:
@@ -204,7 +206,7 @@ def _fresh(plan: StagePlan, parameters: Parameters) -> dict[str, float]:
 
 
 def _figures(found: Episodes) -> dict[str, float]:
-    """What is told of a validation."""
+    """The figures of a validation that metrics hold."""
     return {
         "escape_rate": float(np.mean(found.escaped)),
         "success_rate": float(np.mean(found.success)),

@@ -8,6 +8,7 @@
 """
 
 from collections.abc import Sequence
+from statistics import median_low
 
 import jax
 import numpy as np
@@ -39,8 +40,7 @@ def weighed(success_rate: float, accident_rate: float, reward: float) -> float:
 
 def median_place(scores: Sequence[float]) -> int:
     """Place of the median: equal scores in order of time, of an even number the lower one."""
-    ranked = sorted(range(len(scores)), key=lambda place: (scores[place], place))
-    return ranked[(len(ranked) - 1) // 2]
+    return median_low(zip(scores, range(len(scores)), strict=True))[1]
 
 
 def no_window(keep: str, weights: Parameters) -> Parameters:
