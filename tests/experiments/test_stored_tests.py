@@ -60,7 +60,10 @@ def jobs(tmp_path):
 def sign(file, **changes):
     """Alter what a test left, None for what is to go, and sign it anew."""
     stored = json.loads(file.read_text()) | changes
-    stored = {name: value for name, value in stored.items() if value is not None}
+    # What is null of itself stays: the commit is, where there is no checkout.
+    stored = {
+        name: value for name, value in stored.items() if name not in changes or value is not None
+    }
     if "digest" in stored:
         stored["digest"] = reading.digest(stored)
     file.write_text(json.dumps(stored))
