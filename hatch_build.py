@@ -17,8 +17,8 @@ class CommitHook(BuildHookInterface):
         root = Path(self.root)
         if version == "editable" or not (root / ".git").exists():
             return
-        code = runpy.run_path(str(root / "src" / "lanewise" / "version.py"))
+        code = runpy.run_path(str(root / "src" / "lanewise" / "system" / "version.py"))
         self._place = TemporaryDirectory()
         file = Path(self._place.name) / code["BUILT_FROM"]
-        file.write_text(json.dumps(code["of_checkout"](root)) + "\n", "utf-8")
+        file.write_text(json.dumps(code["checkout_commit"](root)) + "\n", "utf-8")
         build_data["force_include"][str(file)] = f"lanewise/{file.name}"

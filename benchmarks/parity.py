@@ -40,7 +40,7 @@ from parity_environments import draw, seconds_of
 from parity_states import SIZES, paper_traffic, random_state
 
 from lanewise.interop.highway_env import build_env, read_world
-from lanewise.progress import Progress
+from lanewise.system.progress import Progress
 
 STATES_A_TASK, RUNS_A_TASK, DEFAULT_RUNS_A_TASK = 240, 20, 4
 BATCH = 40

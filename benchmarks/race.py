@@ -21,12 +21,13 @@ from pathlib import Path
 
 import numpy as np
 
-from lanewise import config, cores, version
+from lanewise import config
 from lanewise.experiments import schedule
 from lanewise.experiments.work import Job
 from lanewise.report import provenance
 from lanewise.runs import kept, lock, metrics, trained
 from lanewise.runs.folder import RunFolder
+from lanewise.system import process, version
 
 SPACES: dict[str, dict[str, Sequence[object]]] = {
     "single-level": {
@@ -66,7 +67,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder of the runs and race.json")
     parser.add_argument("--controllers", nargs="+", choices=SPACES, default=list(SPACES))
-    parser.add_argument("--processes", type=int, default=len(cores.usable()))
+    parser.add_argument("--processes", type=int, default=len(process.usable_cores()))
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     for controller in options.controllers:

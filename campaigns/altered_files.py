@@ -37,7 +37,7 @@ import strangers_files
 from strangers_files import TARGETS, fingerprint
 
 from lanewise.errors import LanewiseError, printable
-from lanewise.progress import Progress
+from lanewise.system.progress import Progress
 
 SECONDS, MEGABYTES = 1.0, 256.0
 HANGS = 300

@@ -19,7 +19,7 @@ import record
 from lanewise.bench.parts import update
 from lanewise.bench.workers import lanewise_training, lanewise_update
 from lanewise.learning import network
-from lanewise.progress import Progress
+from lanewise.system.progress import Progress
 from lanewise.training import finite, stage
 
 SAME_GRADIENT = "update, batch 64: a gradient that is the same on any number of cores"

@@ -20,7 +20,7 @@ from pathlib import Path
 import record
 from fault_list import altered, load, problems
 
-from lanewise.progress import Progress
+from lanewise.system.progress import Progress
 
 ROOT = Path(__file__).parents[1]
 HEAVY = (

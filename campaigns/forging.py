@@ -11,8 +11,8 @@ import zipfile
 
 import numpy as np
 
-from lanewise import reading
 from lanewise.runs import records
+from lanewise.system import safe_io
 
 HOSTILE = (
     *(None, True, -1, 10**30, 1e308, -0.5, "", "x", "../../etc/passwd", "/dev/zero", "\x1b[2J\x07"),
@@ -28,7 +28,7 @@ def hostile(rng):
 
 def sign(path, manifest, field):
     """Write a manifest with a digest that is right."""
-    manifest[field] = reading.digest(manifest, field)
+    manifest[field] = safe_io.digest(manifest, field)
     path.write_text(json.dumps(manifest))
 
 
@@ -276,9 +276,9 @@ def signed_line(rng, file, other):
         record[name] = [v for v in HOSTILE if type(v) is not type(record[name])][rng.integers(8)]
     else:
         del record[name]
-    before, text = reading.digest(json.loads(head)), [head]
+    before, text = safe_io.digest(json.loads(head)), [head]
     for each in records:
-        chained = hashlib.sha256((before + reading.digest(each)).encode()).hexdigest()[:16]
+        chained = hashlib.sha256((before + safe_io.digest(each)).encode()).hexdigest()[:16]
         before = each["digest"] = chained
         text.append(json.dumps(each))
     file.write_text("\n".join(text) + "\n")

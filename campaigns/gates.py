@@ -18,7 +18,7 @@ from pathlib import Path
 import record
 from faults import copy_tree
 
-from lanewise.progress import Progress
+from lanewise.system.progress import Progress
 
 ROOT = Path(__file__).parents[1]
 PASSING, FAILING = "def test_gate():\n    assert True\n", "    assert False\n"
@@ -86,13 +86,13 @@ GATES = (
     Gate("examples", f"python -m pytest --dist load {EXAMPLES}", EXAMPLES, "    assert True\n",
          FAILING, "1 failed", PASSING),
     Gate("lint", "ruff check .", "src/lanewise/world/idm.py", "", "\nimport os\n", "F401"),
-    Gate("lint: docstrings", "ruff check .", "src/lanewise/cores.py", "",
+    Gate("lint: docstrings", "ruff check .", "src/lanewise/system/process.py", "",
          "\n\ndef undocumented() -> None:\n    return\n", "D103"),
     Gate("format", "ruff format --check .", "src/lanewise/world/idm.py", "", "\nX  =  1\n",
          "1 file would be reformatted"),
-    Gate("types", "mypy", "src/lanewise/cores.py", "", "\nWRONG: int = 'text'\n",
+    Gate("types", "mypy", "src/lanewise/system/process.py", "", "\nWRONG: int = 'text'\n",
          "Incompatible types in assignment"),
-    Gate("types: annotations", "mypy", "src/lanewise/cores.py", "",
+    Gate("types: annotations", "mypy", "src/lanewise/system/process.py", "",
          "\ndef untyped(value):\n    return value\n", "missing a type annotation"),
     wall("layers", "src/lanewise/world/idm.py", "\nfrom lanewise.runs import folder\n",
          "Imports run one way through the house BROKEN"),

@@ -33,8 +33,8 @@ import numpy as np
 import record
 
 from lanewise.errors import CheckpointError
-from lanewise.progress import Progress
 from lanewise.runs import checkpoint, files
+from lanewise.system.progress import Progress
 
 DIGEST, KEPT = "d" * 64, 2
 FIRST = 3

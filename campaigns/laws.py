@@ -23,7 +23,7 @@ import numpy as np
 import record
 from law_worlds import Found, random_worlds
 
-from lanewise.progress import Progress
+from lanewise.system.progress import Progress
 
 WORLD_LAWS = law_symmetries.LAWS + law_company.LAWS + law_motion.LAWS + law_ticks.LAWS
 DRIVING_LAWS = law_driving.LAWS

@@ -27,7 +27,7 @@ from learner_reference import Reference
 from lanewise import config
 from lanewise.learning import learner, network
 from lanewise.learning.replay import Transition
-from lanewise.progress import Progress
+from lanewise.system.progress import Progress
 from lanewise.training import recipe, stage
 
 STAGES = (recipe.STEP_1, recipe.STEP_2, *recipe.RECIPES["single-level"], *recipe.RECIPES["h-dqn"])

@@ -22,9 +22,9 @@ import record
 import small_runs
 from small_runs import STAGES_OF, Quiet
 
-from lanewise.progress import Progress
 from lanewise.runs import checkpoint, train
 from lanewise.runs.folder import RunFolder
+from lanewise.system.progress import Progress
 
 CHUNKS, EPSILON_CHUNKS = 12, 8
 """Of every stage, and over which of them epsilon falls: stops fall before and after its end."""

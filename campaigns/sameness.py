@@ -20,8 +20,8 @@ from pathlib import Path
 import record
 from small_runs import STAGES_OF
 
-from lanewise.progress import Progress
 from lanewise.runs import trained
+from lanewise.system.progress import Progress
 
 FILES = ("controller.safetensors", "metrics.jsonl", "episodes.csv", "chunks.csv")
 CHUNKS, WORLDS = 3, 32

@@ -19,7 +19,7 @@ from pathlib import Path
 import record
 from shuffle_selection import WORDS, select
 
-from lanewise.progress import Progress
+from lanewise.system.progress import Progress
 
 ROOT = Path(__file__).parents[1]
 ZONES = ("UTC", "Pacific/Kiritimati", "America/St_Johns", "Asia/Kathmandu", "Pacific/Pago_Pago")

@@ -1,10 +1,10 @@
 """Trainings that take a second once compiled, for whoever trains again and again."""
 
 from lanewise import config
-from lanewise.progress import Progress
 from lanewise.runs import train
 from lanewise.runs.folder import RunFolder
 from lanewise.settings import STAGES
+from lanewise.system.progress import Progress
 
 LEVEL = {
     "learner.hidden": (16, 16),

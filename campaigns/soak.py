@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 import record
 
-from lanewise.progress import duration
+from lanewise.system.progress import duration
 
 RESULTS = ("controller.safetensors", "metrics.jsonl", "episodes.csv", "chunks.csv", "tests/*.csv")
 WAYS = {

@@ -18,13 +18,13 @@ from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.grid import Outcome, Reach
 from lanewise.experiments import experiment, work
 from lanewise.export import contents, formats
-from lanewise.progress import Progress
 from lanewise.runs import checkpoint, resume, train, trained, tree
 from lanewise.runs.files import OpenFolder
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.metrics import MetricsWriter
 from lanewise.runs.trained import Trained
 from lanewise.settings import STAGES, Settings
+from lanewise.system.progress import Progress
 from lanewise.training import host, recipe
 
 STAGE = {

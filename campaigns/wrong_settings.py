@@ -266,7 +266,7 @@ def main():
         return light(arguments.seed, arguments.each)
     from record import store
 
-    from lanewise.progress import Progress
+    from lanewise.system.progress import Progress
 
     lightly, others = split(generate(arguments.seed, arguments.each))
     programs = [mistake for mistake in lightly if mistake.door in COMMANDS]

@@ -17,8 +17,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lanewise import version
 from lanewise.report import provenance
+from lanewise.system import version
 
 ROOT = Path(__file__).resolve().parents[1]
 MARKED = re.compile(

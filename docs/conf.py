@@ -5,7 +5,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from lanewise.version import __version__
+from lanewise.system.version import __version__
 
 project = "Lanewise"
 copyright = "The Lanewise authors, MIT licence"

@@ -10,9 +10,10 @@ import make_settings
 import make_trust
 import pytest
 
-from lanewise import cli, config, version
+from lanewise import cli, config
 from lanewise.commands.arguments import parse
 from lanewise.evaluation.metrics import PUBLISHED_TRAINING
+from lanewise.system import version
 
 ROOT = Path(__file__).parents[1]
 PAGES = (

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import small_runs
 
-from lanewise import config, pinned
+from lanewise import config
 from lanewise.envs import functional
 from lanewise.scenario import trap
+from lanewise.system import pinned
 from lanewise.training import recipe, stage
 
 NO_TRAFFIC = {"vehicles_ahead": 0}

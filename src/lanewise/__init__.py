@@ -2,15 +2,16 @@
 
 from typing import TYPE_CHECKING, Any
 
-from lanewise import forked, registration
-from lanewise.version import __version__
+from lanewise import registration
+from lanewise.system import process
+from lanewise.system.version import __version__
 
 if TYPE_CHECKING:
     from lanewise.api import Evaluation, Parts, evaluate, train
 
 __all__ = ["Evaluation", "Parts", "__version__", "evaluate", "train"]
 
-forked.watch()
+process.watch_forks()
 registration.with_gymnasium()
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lanewise import forked, interop
+from lanewise import interop
 from lanewise.controllers.planned import Planned
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.parts import OURS, Parts, checked
@@ -23,7 +23,6 @@ from lanewise.evaluation.outside import OutsideCourse
 from lanewise.evaluation.settings import EvaluationSettings
 from lanewise.experiments import published, testing
 from lanewise.names import look_up
-from lanewise.progress import Progress
 from lanewise.ranges import EPISODES, SEEDS, Kind
 from lanewise.report import files, table
 from lanewise.runs import train as training
@@ -32,6 +31,8 @@ from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1, RunFolder
 from lanewise.runs.lender import check_lender
 from lanewise.runs.trained import Trained
 from lanewise.settings import Settings
+from lanewise.system import process
+from lanewise.system.progress import Progress
 from lanewise.training import trial
 
 __all__ = ["Evaluation", "Parts", "evaluate", "train"]
@@ -66,7 +67,7 @@ class Evaluation:
 
     def record(self, episode: int = 0) -> Recording:
         """An episode frame by frame, driven once more."""
-        forked.refuse()
+        process.refuse_forked()
         found: Recording = self._record(episode)
         return found
 
@@ -147,7 +148,7 @@ def train(
         KeyboardInterrupt: Ctrl-C or SIGTERM, heard once the chunk under way is saved, at a second
             one at once. A line on standard error, and a note on the exception, say how to go on.
     """
-    forked.refuse()
+    process.refuse_forked()
     path: Path = PATH.check("out", out)
     look_up("controller", controller, dict.fromkeys(CONTROLLERS))
     seed, parts = None if seed is None else _whole(SEED, "seed", seed), checked(parts)
@@ -246,7 +247,7 @@ def evaluate(
     Raises:
         LanewiseError: an argument makes no sense, or the policy chose what does not exist.
     """
-    forked.refuse()
+    process.refuse_forked()
     look_up("world", world, dict.fromkeys(WORLDS))
     episodes, seed = _whole(COUNT, "episodes", episodes), _whole(SEED, "seed", seed)
     for option, switch in {"quiet": quiet, "deterministic": deterministic}.items():

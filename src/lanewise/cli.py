@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, TextIO
 
-from lanewise import signals
 from lanewise.commands import (
     bench,
     compare,
@@ -26,7 +25,8 @@ from lanewise.commands import (
 from lanewise.commands.arguments import Parsed, parse, without_settings
 from lanewise.errors import LanewiseError, SettingsError, brief, printable, shell_line
 from lanewise.names import look_up
-from lanewise.version import __version__
+from lanewise.system import process
+from lanewise.system.version import __version__
 
 COMMANDS: dict[str, type] = {
     "train": train.Train,
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         _spell_out(stream)
     try:
-        with signals.heard(signal.SIGTERM, signal.default_int_handler):
+        with process.handle_signal(signal.SIGTERM, signal.default_int_handler):
             code = _dispatch(words)
         # Written here, where a closed pipe or a full disk can still be caught.
         sys.stdout.flush()

@@ -8,11 +8,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from lanewise import crosschecks, reading
+from lanewise import crosschecks
 from lanewise.errors import SettingsError, brief
 from lanewise.names import look_up, nearest
 from lanewise.ranges import Kind, show
 from lanewise.settings import PRESETS, TRAPS, Settings
+from lanewise.system import safe_io
 
 _LARGEST_FILE = 100_000
 
@@ -132,8 +133,8 @@ def load_toml(path: Path) -> dict[str, object]:
         SettingsError: The file cannot be read or is no TOML, or a name in it is unknown.
     """
     try:
-        data = reading.contents(path, _LARGEST_FILE)
-    except reading.UnreadableError as error:
+        data = safe_io.read_bytes(path, _LARGEST_FILE)
+    except safe_io.UnreadableError as error:
         raise SettingsError(f"cannot read settings file {path}: {error}") from error
     return parse_toml(data, path)
 
@@ -158,7 +159,7 @@ def parse_toml(data: bytes, path: Path) -> dict[str, object]:
         SettingsError: They are no TOML, a name in them is unknown, or a value is out of its range.
     """
     try:
-        table = reading.toml_table(data)
+        table = safe_io.parse_toml(data)
     except ValueError as error:
         raise SettingsError(f"{path} is not valid TOML: {error}") from error
     try:

@@ -10,7 +10,6 @@ from types import SimpleNamespace
 import jax
 import pytest
 
-from lanewise import cores
 from lanewise.bench import catalogue, peers, processes, ratios, table
 from lanewise.bench.parts import gpu, level, training, update
 from lanewise.bench.task import Asked, Figure, Task
@@ -19,6 +18,7 @@ from lanewise.commands import bench
 from lanewise.driving import actions, observation
 from lanewise.errors import LanewiseError
 from lanewise.learning.settings import LearnerSettings
+from lanewise.system import process
 
 WITHOUT = peers.Interpreters(())
 
@@ -114,7 +114,7 @@ def workers(tmp_path, monkeypatch):
 
 
 def test_workers_side_by_side(workers):
-    count = len(cores.usable())
+    count = len(process.usable_cores())
     found = processes.one_each("worker", {}, count)
     assert [result["seed"] for result in found] == list(range(count))
     assert all(result["cores"] == 1 and result["peak_memory_bytes"] > 2**20 for result in found)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from lanewise import commands
-from lanewise.progress import Progress, tell
+from lanewise.system.progress import Progress, tell
 
 
 class Clock:

@@ -7,11 +7,11 @@ import sys
 
 import pytest
 
-from lanewise import version
 from lanewise.cli import main
 from lanewise.experiments import drives, schedule
 from lanewise.report import provenance
 from lanewise.runs import lock
+from lanewise.system import version
 
 TINY = [
     *("--episodes", "3", "--highway-env-episodes", "1"),

@@ -5,11 +5,12 @@ import tomllib
 
 import pytest
 
-from lanewise import config, cores, crosschecks
+from lanewise import config, crosschecks
 from lanewise.errors import SettingsError
 from lanewise.ranges import Between
 from lanewise.runs.folder import CONTROLLERS, RunFolder
 from lanewise.settings import PRESETS, STAGES, TRAPS, Settings
+from lanewise.system import process
 from lanewise.training import recipe
 
 
@@ -291,7 +292,7 @@ def test_memory_is_asked_of_the_stages_that_are_trained():
 
 
 def test_no_run_begins_that_memory_cannot_hold(tmp_path, monkeypatch):
-    monkeypatch.setattr(cores, "memory", lambda: 1 << 20)
+    monkeypatch.setattr(process, "total_memory", lambda: 1 << 20)
     with pytest.raises(SettingsError, match="GiB of memory, the machine has"):
         RunFolder.create(tmp_path / "run", Settings(), "planned", 0)
     assert list(tmp_path.iterdir()) == []
@@ -355,7 +356,7 @@ def test_unknown_presets():
         ("[scenario]\ntrap_speed = 1979-05-27\n", "expected a number, got 1979-05-27"),
         ("[scenario]\ntrap_speed = 9\ntrap-speed = 8\n", "scenario.trap_speed is given twice"),
         ("\x00", "not valid TOML"),
-        (f"[scenario]\nlanes = {'9' * 5000}\n", "lanes: a whole number of so many digits is out"),
+        (f"[scenario]\nlanes = {'9' * 5000}\n", "a whole number has too many digits"),
     ],
 )
 def test_bad_toml_files(tmp_path, text, hint):

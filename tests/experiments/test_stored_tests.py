@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from strangers_files import FLAGS, _episodes
 
-from lanewise import config, reading, version
+from lanewise import config
 from lanewise.errors import RunError
 from lanewise.experiments import experiment, results, work
 from lanewise.runs import trained
 from lanewise.runs.files import OpenFolder
 from lanewise.runs.folder import RunFolder
+from lanewise.system import safe_io, version
 from lanewise.training import recipe
 
 TEXT = """
@@ -65,7 +66,7 @@ def sign(file, **changes):
         name: value for name, value in stored.items() if name not in changes or value is not None
     }
     if "digest" in stored:
-        stored["digest"] = reading.digest(stored)
+        stored["digest"] = safe_io.digest(stored)
     file.write_text(json.dumps(stored))
 
 

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from lanewise import version
 from lanewise.report import provenance
+from lanewise.system import version
 
 
 def git(place, *words):
@@ -27,25 +27,25 @@ def checkout(tmp_path):
 @pytest.mark.parametrize("name", ["file", "another"])
 def test_a_changed_or_new_file_makes_a_tree_unclean(checkout, name):
     head = git(checkout, "rev-parse", "HEAD")
-    assert version.of_checkout(checkout) == {"commit": head, "clean_tree": True}
+    assert version.checkout_commit(checkout) == {"commit": head, "clean_tree": True}
     (checkout / name).write_text("two")
-    assert version.of_checkout(checkout) == {"commit": head, "clean_tree": False}
+    assert version.checkout_commit(checkout) == {"commit": head, "clean_tree": False}
 
 
 def test_where_there_is_no_checkout_the_commit_is_unknown(tmp_path):
-    assert version.of_checkout(tmp_path) == {"commit": None, "clean_tree": None}
+    assert version.checkout_commit(tmp_path) == {"commit": None, "clean_tree": None}
 
 
 def test_without_git_the_commit_is_unknown(checkout, monkeypatch):
     monkeypatch.setenv("PATH", "")
-    assert version.of_checkout(checkout) == {"commit": None, "clean_tree": None}
+    assert version.checkout_commit(checkout) == {"commit": None, "clean_tree": None}
 
 
 @pytest.mark.skipif(sys.platform == "darwin", reason="its file names are text")
 def test_a_file_whose_name_is_no_text_is_a_change(checkout):
     (checkout / os.fsdecode(b"f\xff")).touch()
     git(checkout, "config", "core.quotePath", "false")
-    assert version.of_checkout(checkout)["clean_tree"] is False
+    assert version.checkout_commit(checkout)["clean_tree"] is False
 
 
 def test_asking_for_the_commit_writes_nothing(checkout):
@@ -53,7 +53,7 @@ def test_asking_for_the_commit_writes_nothing(checkout):
     index = checkout / ".git" / "index"
     (checkout / "file").touch()
     before = index.stat().st_mtime_ns
-    version.of_checkout(checkout)
+    version.checkout_commit(checkout)
     assert index.stat().st_mtime_ns == before
 
 

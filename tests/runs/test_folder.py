@@ -6,10 +6,11 @@ import sys
 
 import pytest
 
-from lanewise import config, reading, version
+from lanewise import config
 from lanewise.errors import RunError
 from lanewise.runs.folder import RunFolder, require_empty
 from lanewise.settings import Settings
+from lanewise.system import safe_io, version
 
 
 @pytest.fixture
@@ -54,7 +55,7 @@ def sign(run, **changed):
     """Alter what a run says of itself, ... for what is to go, and sign it anew."""
     identity = json.loads((run / "run.json").read_text()) | changed
     identity = {name: value for name, value in identity.items() if value is not ...}
-    identity["digest"] = reading.digest(identity)
+    identity["digest"] = safe_io.digest(identity)
     (run / "run.json").write_text(json.dumps(identity))
 
 

@@ -9,7 +9,7 @@ import pytest
 from test_train import FLAGS
 
 import lanewise
-from lanewise import api, config, cores
+from lanewise import api, config
 from lanewise.cli import main
 from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import LanewiseError, RunError, SettingsError
@@ -17,6 +17,7 @@ from lanewise.runs import metrics
 from lanewise.runs.folder import RunFolder
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
+from lanewise.system import process
 
 
 def hurry(settings, world, steering, accident):
@@ -169,7 +170,7 @@ def test_parts_are_tried_in_full_before_a_run_is_made(tmp_path, parts, said):
 
 @pytest.mark.slow
 def test_memory_is_asked_for_what_is_observed(tmp_path, monkeypatch):
-    monkeypatch.setattr(cores, "memory", lambda: 1 << 25)
+    monkeypatch.setattr(process, "total_memory", lambda: 1 << 25)
     wide = lanewise.Parts(observe=lambda settings, world: jnp.zeros(60_000))
     with pytest.raises(SettingsError, match=r"the machine has 0\.0 GiB; 60,000 numbers are"):
         lanewise.train(tmp_path / "run", "single-level", parts=wide, quiet=True, **FLAGS)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import strangers_files
 
-from lanewise import config, reading
+from lanewise import config
 from lanewise.errors import CheckpointError, LanewiseError, RunError, SettingsError
 from lanewise.experiments import experiment, work
 from lanewise.export import numpy_policy
@@ -20,6 +20,7 @@ from lanewise.runs.files import OpenFolder
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.metrics import MetricsWriter
 from lanewise.settings import Settings
+from lanewise.system import safe_io
 
 
 @pytest.fixture
@@ -172,7 +173,7 @@ def test_a_stored_test_signed_anew_is_checked_all_the_same(place, tmp_path, chan
     tests = tmp_path / "tests"
     stored = json.loads((tests / "lanewise.json").read_text()) | change
     if stored.pop("digest") is not None:
-        stored["digest"] = reading.digest(stored)
+        stored["digest"] = safe_io.digest(stored)
     (tests / "lanewise.json").write_text(json.dumps(stored))
     with pytest.raises(RunError, match=says):
         work.read_test(strangers_files.tested(tmp_path), "lanewise")
@@ -337,13 +338,13 @@ def test_the_cost_of_reading_toml_grows_with_its_length_alone(text):
     sys.settrace(count)
     try:
         with suppress(ValueError):
-            reading.toml_table(data)
+            safe_io.parse_toml(data)
     finally:
         sys.settrace(None)
     tracemalloc.start()
     try:
         with suppress(ValueError):
-            reading.toml_table(data)
+            safe_io.parse_toml(data)
         assert tracemalloc.get_traced_memory()[1] < MEMORY_A_BYTE * len(data)
     finally:
         tracemalloc.stop()
@@ -351,13 +352,13 @@ def test_the_cost_of_reading_toml_grows_with_its_length_alone(text):
 
 def test_lines_are_those_of_toml():
     """A separator in a comment or a text begins no line; a line feed begins the next key."""
-    found = reading.toml_table("a = 1 # \u2028 .\nb = '\u2028'\nc.d = 1.5".encode())
+    found = safe_io.parse_toml("a = 1 # \u2028 .\nb = '\u2028'\nc.d = 1.5".encode())
     assert found == {"a": 1, "b": "\u2028", "c": {"d": 1.5}}
 
 
 def test_a_number_of_too_many_digits_is_named():
     with pytest.raises(ValueError, match=r"^b\.c: a whole number of so many digits"):
-        reading.toml_table(b"a = 1\nb.c = " + b"1" * 5000)
+        safe_io.parse_toml(b"a = 1\nb.c = " + b"1" * 5000)
 
 
 def test_a_network_has_so_many_layers_and_no_more():

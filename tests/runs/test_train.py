@@ -10,10 +10,11 @@ import pytest
 import small_runs
 from small_runs import Quiet, results, resume
 
-from lanewise import cli, version
+from lanewise import cli
 from lanewise.errors import RunError
 from lanewise.evaluation import drive
 from lanewise.runs import checkpoint, metrics, train, trained
+from lanewise.system import version
 from lanewise.training import host, recipe
 
 FLAGS = small_runs.flags(chunks=5)

@@ -14,8 +14,8 @@ import jax
 import numpy as np
 
 from lanewise import config
+from lanewise.system.version import FIRST_UPDATES
 from lanewise.training import recipe, stage
-from lanewise.version import FIRST_UPDATES
 
 UPDATES = 200
 SEED = 1

@@ -5,7 +5,7 @@ import json
 import first_updates
 import pytest
 
-from lanewise import version
+from lanewise.system import version
 
 TOLERANCE = 0.02
 """Relative. Code for a processor without fused multiply-add stays within half of it."""

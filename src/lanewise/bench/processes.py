@@ -10,9 +10,9 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import IO, Any
 
-from lanewise import cores
 from lanewise.bench import runner
 from lanewise.errors import LanewiseError, shell_line
+from lanewise.system import process
 
 WORKERS = Path(__file__).parent / "workers"
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -28,7 +28,7 @@ def one_each(
     """The same worker in ``count`` processes at once, each on a core and with a seed of its own."""
     each = [
         ({**arguments, "seed": seed}, [core])
-        for seed, core in zip(range(count), cores.usable(), strict=False)
+        for seed, core in zip(range(count), process.usable_cores(), strict=False)
     ]
     return _together(worker, each, python, ONE_THREAD)
 
@@ -38,7 +38,9 @@ def alone(
 ) -> dict[str, Any]:
     """A worker in one process that may use ``count`` cores."""
     threads = ONE_THREAD if count == 1 else {}
-    return _together(worker, [(dict(arguments), cores.usable()[:count])], python, threads)[0]
+    return _together(worker, [(dict(arguments), process.usable_cores()[:count])], python, threads)[
+        0
+    ]
 
 
 def _together(

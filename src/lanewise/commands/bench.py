@@ -7,11 +7,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from lanewise import cores
 from lanewise.commands.arguments import Parsed
 from lanewise.errors import LanewiseError, RunError, shell_line
-from lanewise.progress import Progress
 from lanewise.ranges import Between, OneOf
+from lanewise.system import process
+from lanewise.system.progress import Progress
 
 if TYPE_CHECKING:
     from lanewise.bench.task import Figure
@@ -62,7 +62,7 @@ def run(parsed: Parsed[Bench]) -> int:
     from lanewise.bench.task import Asked
 
     interpreters = peers.ask(command.python)
-    count = len(cores.usable())
+    count = len(process.usable_cores())
     asked = Asked(command.seconds, command.seeds, count, interpreters)
     chosen = command.parts or PARTS
     tasks = [task for part, of in catalogue.PARTS.items() if part in chosen for task in of(asked)]

@@ -13,11 +13,11 @@ from lanewise.commands.arguments import Parsed
 from lanewise.commands.evaluate import WORLDS
 from lanewise.errors import RunError, shell_line
 from lanewise.experiments.published import belongs_to_test
-from lanewise.progress import Progress
 from lanewise.ranges import EPISODES, SEEDS, OneOf, show
 from lanewise.runs import shelf
 from lanewise.runs.folder import RunFolder
 from lanewise.settings import Settings
+from lanewise.system.progress import Progress
 
 if TYPE_CHECKING:
     from lanewise.evaluation.episodes import Episodes

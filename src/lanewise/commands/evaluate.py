@@ -9,9 +9,9 @@ from typing import Annotated
 from lanewise.commands.arguments import Parsed
 from lanewise.controllers.settings import RENEWALS
 from lanewise.errors import RunError
-from lanewise.progress import Progress
 from lanewise.ranges import EPISODES, SEEDS, OneOf
 from lanewise.runs import shelf
+from lanewise.system.progress import Progress
 
 WORLDS = ("lanewise", "highway-env")
 WITH_GOALS = ("hierarchical", "planned", "h-dqn")

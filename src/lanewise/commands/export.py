@@ -11,10 +11,10 @@ from lanewise.commands.evaluate import WITH_GOALS
 from lanewise.controllers.settings import RENEWALS
 from lanewise.errors import RunError
 from lanewise.export import formats
-from lanewise.progress import Progress, tell
 from lanewise.ranges import SEEDS, Between, OneOf
 from lanewise.runs import shelf
 from lanewise.runs.folder import RunFolder
+from lanewise.system.progress import Progress, tell
 
 if TYPE_CHECKING:
     from lanewise.export.check import Agreement

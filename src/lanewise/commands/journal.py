@@ -12,12 +12,12 @@ from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 from typing import IO, Any, get_args
 
-from lanewise import reading
 from lanewise.errors import RunError
 from lanewise.evaluation.grid import Outcome, Reach
 from lanewise.runs import lock
 from lanewise.runs.files import PARTIAL, OpenFolder, write_atomically
 from lanewise.runs.folder import require_outside
+from lanewise.system import safe_io
 
 _LARGEST = 1_000_000_000
 _FORMAT, _VERSION = "lanewise-sweep", 1
@@ -113,23 +113,23 @@ def read(path: Path, identity: dict[str, Any]) -> tuple[bytes, list[Reach | Outc
         RunError: it is the journal of another sweep, or damaged.
     """
     try:
-        content = reading.contents(path, _LARGEST, links=False)
+        content = safe_io.read_bytes(path, _LARGEST, links=False)
         head, *lines = list(_whole_lines(content)) or [b""]
         if not head:
             raise ValueError("it holds no line")
-        begun = reading.json_value(head)
-        if other := reading.other_format(begun, _FORMAT, _VERSION):
+        begun = safe_io.parse_json(head)
+        if other := safe_io.format_mismatch(begun, _FORMAT, _VERSION):
             raise RunError(f"{path} {other}")
         if begun != identity:
             raise RunError(
                 f"{path.parent} holds another sweep: continue with its options, or choose another"
             )
-        digest, results = reading.digest(identity), []
+        digest, results = safe_io.digest(identity), []
         for line in lines:
-            record = reading.json_value(line)
+            record = safe_io.parse_json(line)
             results.append(_result(record, digest))
             digest = record["digest"]
-    except (ValueError, reading.UnreadableError) as error:
+    except (ValueError, safe_io.UnreadableError) as error:
         raise RunError(f"{path} is damaged: remove it to begin anew ({error})") from error
     return content[: content.rfind(b"\n") + 1], results, digest
 
@@ -159,4 +159,4 @@ def _result(record: Any, before: str) -> Reach | Outcome:
 
 def _digest(before: str, line: dict[str, Any]) -> str:
     """Of a line and all before it."""
-    return hashlib.sha256((before + reading.digest(line)).encode()).hexdigest()[:16]
+    return hashlib.sha256((before + safe_io.digest(line)).encode()).hexdigest()[:16]

@@ -8,16 +8,17 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
-from lanewise import config, cores, crosschecks, extras
+from lanewise import config, crosschecks, extras
 from lanewise.commands.arguments import Parsed
 from lanewise.errors import LanewiseError, RunError, SettingsError, one_line, shell_line
 from lanewise.experiments import experiment as experiments
 from lanewise.experiments import folder
 from lanewise.experiments.experiment import BUILT_IN, Experiment
-from lanewise.progress import tell
 from lanewise.ranges import EPISODES, SEEDS, Between, OneOf
 from lanewise.runs import lock
 from lanewise.settings import TRAPS, Settings
+from lanewise.system import process
+from lanewise.system.progress import tell
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +66,7 @@ def run(parsed: Parsed[Reproduce]) -> int:
     for arm in whole.arms:
         settings = whole.settings(arm, command.trap, overrides)
         if arm.trained:
-            crosschecks.check_memory(settings, arm.controller, cores.memory())
+            crosschecks.check_memory(settings, arm.controller, process.total_memory())
     extras.check()
     wanted = any(chosen.count(arm, "highway_env_episodes") for arm in chosen.arms)
     if wanted and find_spec("highway_env") is None:
@@ -90,7 +91,9 @@ def run(parsed: Parsed[Reproduce]) -> int:
         # One that lacks what is to be done now would look like that of a complete folder.
         out.unlink(report.name)
         began = time.monotonic()
-        times = schedule.run(jobs, command.processes or len(cores.usable()), sys.stderr, out)
+        times = schedule.run(
+            jobs, command.processes or len(process.usable_cores()), sys.stderr, out
+        )
         out.require_same()
         tell("writing the report")
         path, text = reporting.write(

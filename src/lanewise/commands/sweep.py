@@ -14,13 +14,13 @@ from lanewise.commands.journal import Journal
 from lanewise.errors import RunError, SettingsError, one_line, shell_line
 from lanewise.evaluation import grid as grids
 from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
-from lanewise.progress import Progress
 from lanewise.ranges import SEEDS, Between
 from lanewise.runs import shelf
 from lanewise.runs.files import publish
 from lanewise.runs.folder import RunFolder
 from lanewise.scenario.settings import EgoSpeed, FrontDistance, Lanes, SideDistance, TrapSpeed
 from lanewise.settings import Settings
+from lanewise.system.progress import Progress
 
 JOURNAL = "progress.jsonl"
 """What is done so far, in the output folder until all is."""

@@ -6,11 +6,11 @@ from typing import Annotated
 
 from lanewise.commands.arguments import Parsed
 from lanewise.errors import RunError, shell_line
-from lanewise.progress import Progress, tell
 from lanewise.ranges import SEEDS, OneOf
 from lanewise.runs import lender
 from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1, RunFolder, stages_of
 from lanewise.settings import PRESETS, TRAPS, Settings
+from lanewise.system.progress import Progress, tell
 
 
 @dataclass(frozen=True, kw_only=True)

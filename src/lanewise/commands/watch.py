@@ -8,9 +8,9 @@ from lanewise import extras
 from lanewise.commands.arguments import Parsed
 from lanewise.commands.evaluate import WORLDS
 from lanewise.errors import SettingsError
-from lanewise.progress import tell
 from lanewise.ranges import SEEDS, Between, OneOf
 from lanewise.runs import shelf
+from lanewise.system.progress import tell
 
 FORMATS = (".gif", ".mp4")
 

@@ -10,13 +10,13 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from lanewise import pinned
 from lanewise.driving import observation, reward
 from lanewise.driving.settings import DrivingSettings, ObservationSettings, RewardSettings
 from lanewise.errors import LanewiseError, SettingsError, brief
 from lanewise.ranges import show
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
+from lanewise.system import pinned
 from lanewise.world.state import World
 
 LONGEST = 65_536

@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from lanewise import forked, pinned
 from lanewise.crosschecks import check_duration
 from lanewise.driving import episode, restart
 from lanewise.driving.actions import are_numbers
@@ -25,6 +24,7 @@ from lanewise.errors import ActionError, SettingsError
 from lanewise.names import look_up
 from lanewise.scenario.settings import TrapSettings
 from lanewise.scenario.trap import SPLITS
+from lanewise.system import pinned, process
 
 ACTIONS = ("low-level", "goal", "continuous")
 """What an action may be, see `lanewise.envs.control`."""
@@ -110,7 +110,7 @@ def make(
     composed = keywords.compose(preset, trap, settings)
     look_up("split", split, dict.fromkeys(SPLITS))
     if checked(parts).names():
-        forked.refuse()
+        process.refuse_forked()
     # Refuses what does not work.
     parts.try_out(composed.scenario, composed.driving, split)
     if isinstance(duration, bool) or not isinstance(duration, int | float | np.number):

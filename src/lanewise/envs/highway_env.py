@@ -8,13 +8,13 @@ import jax.numpy as jnp
 from jax import Array
 from numpy.typing import NDArray
 
-from lanewise import pinned
 from lanewise.driving import actions, episode
 from lanewise.envs import control, functional, rows
 from lanewise.envs.functional import State, Trap
 from lanewise.envs.single import TrapEnv
 from lanewise.interop import twin
 from lanewise.scenario import trap
+from lanewise.system import pinned
 from lanewise.world.state import World
 
 drive = twin()

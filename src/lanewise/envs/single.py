@@ -16,7 +16,6 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from lanewise import forked, pinned
 from lanewise.driving import actions
 from lanewise.envs import functional, rows, spaces
 from lanewise.envs.functional import State, Trap
@@ -24,6 +23,7 @@ from lanewise.envs.starts import Starts
 from lanewise.errors import SettingsError
 from lanewise.names import look_up
 from lanewise.scenario import trap
+from lanewise.system import pinned, process
 
 Info = dict[str, Any]
 RENDER_MODES = ("rgb_array",)
@@ -175,11 +175,11 @@ def refuse_unusable(closed: bool) -> None:
 
     Raises:
         ClosedEnvironmentError: the environment was closed.
-        LanewiseError: see `forked.refuse`.
+        LanewiseError: see `process.refuse_forked`.
     """
     if closed:
         raise ClosedEnvironmentError("this environment is closed; make a new one")
-    forked.refuse()
+    process.refuse_forked()
 
 
 def metadata(task: Trap) -> dict[str, Any]:

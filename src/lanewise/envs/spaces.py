@@ -6,12 +6,12 @@ import numpy as np
 from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 
-from lanewise import pinned
 from lanewise.controllers import goals
 from lanewise.driving import actions, observation
 from lanewise.driving.parts import OURS
 from lanewise.envs.control import Goals, LowLevel
 from lanewise.envs.functional import Trap
+from lanewise.system import pinned
 
 
 def of_actions(task: Trap) -> Discrete | Box:

@@ -17,7 +17,6 @@ from gymnasium.vector.utils import batch_space
 from jax import Array
 from numpy.typing import NDArray
 
-from lanewise import pinned
 from lanewise.driving import restart
 from lanewise.driving.actions import checked
 from lanewise.envs import functional, rows, single, spaces
@@ -27,6 +26,7 @@ from lanewise.envs.starts import Starts, mapping
 from lanewise.names import look_up
 from lanewise.ranges import Between, Kind
 from lanewise.scenario import trap
+from lanewise.system import pinned
 
 Booleans = NDArray[np.bool_]
 Floats = NDArray[np.float64]

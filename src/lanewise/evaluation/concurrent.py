@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-from lanewise import cores
+from lanewise.system import process
 from lanewise.world.once import on_cpu
 
 ONE_THREAD = "--xla_cpu_multi_thread_eigen=false"
@@ -45,4 +45,4 @@ def threads() -> int:
     """Calls that are worth making at once."""
     if not on_cpu() or ONE_THREAD in os.environ.get("XLA_FLAGS", ""):
         return 1
-    return len(cores.usable())
+    return len(process.usable_cores())

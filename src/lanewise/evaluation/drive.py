@@ -14,7 +14,6 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from lanewise import pinned
 from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Controller, Parameters
 from lanewise.controllers.goal_critic import GoalMemory
@@ -28,6 +27,7 @@ from lanewise.evaluation import concurrent
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
+from lanewise.system import pinned
 from lanewise.world.state import Vehicles, World
 
 BLOCK = 100

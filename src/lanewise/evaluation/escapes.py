@@ -16,12 +16,12 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from lanewise import pinned
 from lanewise.driving import accidents, actions
 from lanewise.driving.settings import DrivingSettings
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
 from lanewise.scenario.trap import Start
+from lanewise.system import pinned
 from lanewise.world import bicycle, collision, motion
 from lanewise.world.state import World
 

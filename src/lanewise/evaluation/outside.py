@@ -13,13 +13,13 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from lanewise import pinned
 from lanewise.driving import actions, episode
 from lanewise.driving.episode import Episode, Outcome
 from lanewise.evaluation import drive
 from lanewise.evaluation.drive import BLOCK, Sums, TestCourse
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.evaluation.policies import Decide
+from lanewise.system import pinned
 from lanewise.world.state import World
 
 Under = tuple[Episode, Any, Sums]

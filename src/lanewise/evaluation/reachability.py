@@ -13,11 +13,11 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from lanewise import pinned
 from lanewise.driving import actions, episode
 from lanewise.evaluation import escapes
 from lanewise.evaluation.escapes import Course, Reached
 from lanewise.scenario.trap import Start
+from lanewise.system import pinned
 
 KNOWN = 32
 """Escapes of other starts that are tried before any search."""

@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from lanewise import pinned
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation import concurrent, drive, escapes, reachability
@@ -23,6 +22,7 @@ from lanewise.evaluation.grid import CAUSES, Grid, Outcome, Point, Reach
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
 from lanewise.scenario.trap import Start
+from lanewise.system import pinned
 from lanewise.world.state import World
 
 Escape = tuple[int, ...]

@@ -25,12 +25,13 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from lanewise import config, crosschecks, reading
+from lanewise import config, crosschecks
 from lanewise.controllers.settings import REFERENCES
 from lanewise.errors import SettingsError, brief
 from lanewise.names import look_up, nearest
 from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1
 from lanewise.settings import PRESETS, Settings
+from lanewise.system import safe_io
 
 BUILT_IN = ("quick", "standard", "paper")
 """Experiments that come with the package, each a file beside this one."""
@@ -127,8 +128,8 @@ def load_file(path: Path) -> Experiment:
         SettingsError: it cannot be read, or something in it is wrong.
     """
     try:
-        text = reading.contents(path, _LARGEST_FILE).decode("utf-8")
-    except reading.UnreadableError as error:
+        text = safe_io.read_bytes(path, _LARGEST_FILE).decode("utf-8")
+    except safe_io.UnreadableError as error:
         raise SettingsError(f"cannot read experiment {path}: {error}") from error
     except UnicodeDecodeError as error:
         raise SettingsError(f"cannot read experiment {path}: not UTF-8 text") from error
@@ -145,7 +146,7 @@ def parse(name: str, text: str) -> Experiment:
         SettingsError: says what is wrong with it.
     """
     try:
-        table = reading.toml_table(text.encode())
+        table = safe_io.parse_toml(text.encode())
     except ValueError as error:
         raise SettingsError(f"not valid TOML: {error}") from error
     _known(table, ("title", "preset", *_COUNTS, "arms"), "an experiment")

@@ -6,11 +6,11 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from lanewise import reading
 from lanewise.errors import RunError, brief
 from lanewise.experiments.experiment import Experiment
 from lanewise.runs.files import OpenFolder, write_atomically
 from lanewise.runs.folder import require_empty
+from lanewise.system import safe_io
 
 NAME = "experiment.json"
 """The file that names the experiment, written before anything else."""
@@ -48,14 +48,14 @@ def mark(out: OpenFolder, experiment: Experiment) -> None:
 def _named(file: Path) -> str:
     """The experiment that a folder's file names."""
     try:
-        found = reading.json_value(reading.contents(file, _LARGEST, links=False))
-        if other := reading.other_format(found, _FORMAT, 1):
+        found = safe_io.parse_json(safe_io.read_bytes(file, _LARGEST, links=False))
+        if other := safe_io.format_mismatch(found, _FORMAT, 1):
             raise RunError(f"{file} {other}")
         if not isinstance(found, dict) or found.keys() != {"format", "experiment"}:
             raise ValueError("it has other fields")
         if not isinstance(found["experiment"], str):
             raise ValueError("it is of something else")
-    except (ValueError, reading.UnreadableError) as error:
+    except (ValueError, safe_io.UnreadableError) as error:
         raise RunError(
             f"{file} does not name an experiment: {error}\n"
             "  choose another folder, or delete it if the runs are of this experiment"

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from lanewise import reading
 from lanewise.runs import checkpoint
 from lanewise.runs.folder import LARGEST_SETTINGS
+from lanewise.system import safe_io
 
 
 def of(path: Path, settings: str, seed: int, controller: str | None) -> dict[str, Any]:
@@ -23,7 +23,7 @@ def of(path: Path, settings: str, seed: int, controller: str | None) -> dict[str
         UnreadableError: the settings cannot be read.
         CheckpointError: there are no weights, or they are damaged.
     """
-    text = reading.contents(path / settings, LARGEST_SETTINGS, links=False)
+    text = safe_io.read_bytes(path / settings, LARGEST_SETTINGS, links=False)
     return {
         "seed": seed,
         "settings_sha256": hashlib.sha256(text).hexdigest(),

@@ -13,13 +13,13 @@ from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import NoReturn, TextIO, cast
 
-from lanewise import signals
 from lanewise.errors import RunError
 from lanewise.evaluation.concurrent import ONE_THREAD
 from lanewise.experiments import work
 from lanewise.experiments.work import Job
-from lanewise.progress import Progress, duration, unfailing
 from lanewise.runs.files import FolderIdentity, OpenFolder
+from lanewise.system import process
+from lanewise.system.progress import Progress, duration, unfailing
 
 COMPILED = "JAX_COMPILATION_CACHE_DIR"
 """Where JAX keeps compiled programs for other processes."""
@@ -52,7 +52,7 @@ def run(jobs: Sequence[Job], processes: int, stream: TextIO, out: OpenFolder) ->
         with (
             _environment(),
             _pool(min(processes, max(1, count))) as pool,
-            signals.heard(signal.SIGTERM, _pass_on),
+            process.handle_signal(signal.SIGTERM, _pass_on),
         ):
             for job, took in _completed(pool, left, processes, out):
                 times |= took

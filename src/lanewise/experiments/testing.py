@@ -7,8 +7,8 @@ from lanewise import interop
 from lanewise.evaluation import drive
 from lanewise.evaluation.drive import TestCourse
 from lanewise.evaluation.episodes import Episodes, Recording
-from lanewise.progress import Progress
 from lanewise.runs.trained import Trained
+from lanewise.system.progress import Progress
 from lanewise.training import recipe
 
 

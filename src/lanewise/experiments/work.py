@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from lanewise import config, reading, version
+from lanewise import config
 from lanewise.errors import LanewiseError, RunError
 from lanewise.evaluation import metrics
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.metrics import Summary
 from lanewise.experiments import origin, testing
-from lanewise.progress import Progress
 from lanewise.report import provenance
 from lanewise.runs import trained
 from lanewise.runs.files import OpenFolder, write_atomically
@@ -23,6 +22,8 @@ from lanewise.runs.folder import LARGEST_SETTINGS, RunFolder
 from lanewise.runs.train import train
 from lanewise.runs.trained import Trained
 from lanewise.settings import Settings
+from lanewise.system import safe_io, version
+from lanewise.system.progress import Progress
 from lanewise.training import recipe
 
 SETTINGS = "settings.toml"
@@ -93,8 +94,8 @@ def check(job: Job) -> None:
         RunFolder.resume(job.path, job.settings, job.controller, job.seed).close()
     elif not job.trains and os.path.lexists(file := job.path / SETTINGS):
         try:
-            data = reading.contents(file, LARGEST_SETTINGS, links=False)
-        except reading.UnreadableError as error:
+            data = safe_io.read_bytes(file, LARGEST_SETTINGS, links=False)
+        except safe_io.UnreadableError as error:
             raise RunError(f"cannot read {file}: {error}; choose another folder") from error
         difference = config.first_difference(config.compose_from(data, file), job.settings)
         if difference:
@@ -231,7 +232,7 @@ def _store(
         "machine": provenance.machine(),
         "episodes_sha256": _sha256(table),
     }
-    text = json.dumps(stored | {"digest": reading.digest(stored)}, indent=1) + "\n"
+    text = json.dumps(stored | {"digest": safe_io.digest(stored)}, indent=1) + "\n"
     _tests_of(place.path)
     with place.inside(TESTS) as folder:
         write_atomically(folder, {f"{world}.csv": table, f"{world}.json": text.encode()})
@@ -245,8 +246,8 @@ def _tests_of(path: Path) -> Path:
     """
     folder = path / TESTS
     try:
-        reading.require_plain(folder, folder=True)
-    except reading.UnreadableError as error:
+        safe_io.require_plain(folder, folder=True)
+    except safe_io.UnreadableError as error:
         raise RunError(f"cannot use {folder}: {error}{_AGAIN}") from error
     return folder
 
@@ -269,8 +270,8 @@ def _read_of(job: Job, file: Path) -> dict[str, Any]:
 
 def _read(file: Path) -> dict[str, Any]:
     try:
-        stored: dict[str, Any] = reading.json_value(_contents(file, _LARGEST_SUMMARY))
-        if other := reading.other_format(stored, _FORMAT, _VERSION):
+        stored: dict[str, Any] = safe_io.parse_json(_contents(file, _LARGEST_SUMMARY))
+        if other := safe_io.format_mismatch(stored, _FORMAT, _VERSION):
             raise RunError(f"{file} {other}")
         counts = type(stored["summary"]["episodes"]) is int
         if not counts or type(stored["seconds"]) not in (int, float):
@@ -280,8 +281,8 @@ def _read(file: Path) -> dict[str, Any]:
         if ("digest" in stored) != ("episodes_sha256" in stored):
             raise ValueError("altered")
         version.remembered(stored)
-        if stored.keys() - _FIELDS or stored.get("digest", reading.digest(stored)) != (
-            reading.digest(stored)
+        if stored.keys() - _FIELDS or stored.get("digest", safe_io.digest(stored)) != (
+            safe_io.digest(stored)
         ):
             raise ValueError("altered")
     except (ValueError, KeyError, TypeError) as error:
@@ -295,6 +296,6 @@ def _sha256(content: bytes) -> str:
 
 def _contents(file: Path, largest: int) -> bytes:
     try:
-        return reading.contents(file, largest, links=False)
-    except reading.UnreadableError as error:
+        return safe_io.read_bytes(file, largest, links=False)
+    except safe_io.UnreadableError as error:
         raise RunError(f"cannot read {file}: {error}{_AGAIN}") from error

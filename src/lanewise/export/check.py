@@ -14,7 +14,6 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from lanewise import pinned
 from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Controller, Memory, Parameters, Trace
 from lanewise.controllers.levels import TwoLevelMemory
@@ -25,6 +24,7 @@ from lanewise.evaluation import drive
 from lanewise.evaluation.drive import TestCourse
 from lanewise.export.numpy_policy import START, Ego
 from lanewise.runs.trained import Trained
+from lanewise.system import pinned
 from lanewise.training import recipe
 from lanewise.world.state import World
 

@@ -14,8 +14,8 @@ from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.settings import DrivingSettings
 from lanewise.export.numpy_policy import FORMAT, VERSION, Policy
 from lanewise.runs.trained import Trained
+from lanewise.system.version import __version__
 from lanewise.training import recipe
-from lanewise.version import __version__
 
 
 def policy(trained: Trained, digest: str, renewal: str | None = None) -> Policy:

@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from lanewise import pinned
 from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Parameters
 from lanewise.driving import actions, episode, observation
@@ -24,6 +23,7 @@ from lanewise.evaluation import drive
 from lanewise.evaluation.drive import Sums, TestCourse
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.interop import highway_env
+from lanewise.system import pinned
 from lanewise.world.state import World
 
 OBSERVATION_TOLERANCE = 1e-4

@@ -7,7 +7,6 @@ import jax
 import numpy as np
 from jax import Array
 
-from lanewise import pinned
 from lanewise.driving import episode
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import drive, outside
@@ -15,6 +14,7 @@ from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.evaluation.outside import OutsideCourse, Under
 from lanewise.evaluation.policies import Decide
 from lanewise.interop import drive as twin
+from lanewise.system import pinned
 from lanewise.world.state import World
 
 

@@ -6,9 +6,9 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from lanewise import cores
-from lanewise.version import commit_of
-from lanewise.version import source as source
+from lanewise.system import process
+from lanewise.system.version import commit_of
+from lanewise.system.version import source as source
 
 PACKAGES = ("lanewise", "jax", "jaxlib", "optax", "numpy", "gymnasium", "highway-env")
 
@@ -33,7 +33,7 @@ def trained_by(sources: Sequence[Mapping[str, Any]]) -> str:
     """Which code trained some runs, and whether it trains alike, in a line; empty for no runs.
 
     Args:
-        sources: what each run remembers of its code (`version.remembered`).
+        sources: what each run remembers of its code (`version.recorded`).
     """
     if not sources:
         return ""
@@ -55,7 +55,7 @@ def machine() -> dict[str, Any]:
         "system": platform.system(),
         "architecture": platform.machine(),
         "processor": _processor(),
-        "cores": len(cores.usable()),
+        "cores": len(process.usable_cores()),
     }
 
 

@@ -9,7 +9,6 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from lanewise import pinned
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import NumbersError, RunError
@@ -17,6 +16,7 @@ from lanewise.runs import checkpoint, resume, trained, tree
 from lanewise.runs.diverged import BEFORE, FOLDER
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.templates import Template
+from lanewise.system import pinned
 from lanewise.training import findings, recipe, stage
 from lanewise.training.findings import Finding
 from lanewise.training.stage import CHUNK, ChunkMetrics, StageState

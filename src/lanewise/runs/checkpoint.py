@@ -20,11 +20,11 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as load_safetensors
 from safetensors.numpy import save as save_safetensors
 
-from lanewise import reading
 from lanewise.errors import CheckpointError, brief
 from lanewise.runs import templates
 from lanewise.runs.files import PARTIAL, OpenFolder, opened, write_atomically
 from lanewise.runs.templates import Template
+from lanewise.system import safe_io
 
 FORMAT = "lanewise-arrays"
 VERSION = 1
@@ -240,8 +240,8 @@ def _files(found: Iterable[str]) -> list[Path]:
 
 def _read_file(path: Path, largest: int) -> bytes:
     try:
-        return reading.contents(path, largest, links=False)
-    except reading.UnreadableError as error:
+        return safe_io.read_bytes(path, largest, links=False)
+    except safe_io.UnreadableError as error:
         if not os.path.lexists(path):
             raise CheckpointError(f"{path} is missing") from None
         raise CheckpointError(f"cannot read {path}: {error}") from error
@@ -260,12 +260,12 @@ def _manifest_of(directory: Path, name: str, settings_digest: str | None) -> dic
 
 def _read_manifest(path: Path) -> dict[str, Any]:
     try:
-        manifest = reading.json_value(_read_file(path, _LARGEST_MANIFEST))
+        manifest = safe_io.parse_json(_read_file(path, _LARGEST_MANIFEST))
     except ValueError as error:
         raise CheckpointError(f"{path} is damaged: not valid JSON") from error
     if not isinstance(manifest, dict) or "format" not in manifest:
         raise CheckpointError(f"{path} is not a manifest of lanewise")
-    if other := reading.other_format(manifest, FORMAT, VERSION):
+    if other := safe_io.format_mismatch(manifest, FORMAT, VERSION):
         raise CheckpointError(f"{path} {other}")
     fields = {"name": str, "sha256": str, "bytes": int, "settings_digest": str, "meta": dict}
     for name, kind in (fields | {"arrays": dict}).items():
@@ -277,7 +277,7 @@ def _read_manifest(path: Path) -> dict[str, Any]:
 
 
 def _digest_of(manifest: Mapping[str, Any]) -> str:
-    return reading.digest(manifest, "manifest_sha256")
+    return safe_io.digest(manifest, "manifest_sha256")
 
 
 def _read_arrays(path: Path, manifest: Mapping[str, Any]) -> dict[str, np.ndarray]:

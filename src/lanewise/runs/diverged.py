@@ -16,9 +16,9 @@ from lanewise.errors import NumbersError
 from lanewise.runs import checkpoint, tree
 from lanewise.runs.files import write_atomically
 from lanewise.runs.folder import RunFolder
+from lanewise.system.version import __version__
 from lanewise.training import findings, stage
 from lanewise.training.host import Ledger, StagePlan, StageProgress
-from lanewise.version import __version__
 
 FOLDER, BEFORE, FOUND = "diverged", "before", "found.json"
 RATE = "a lower learner.learning_rate of {level} may help, in a new run"

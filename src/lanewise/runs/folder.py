@@ -28,13 +28,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from lanewise import config, cores, crosschecks, reading, version
+from lanewise import config, crosschecks
 from lanewise.errors import RunError, SettingsError, brief
 from lanewise.ranges import SEEDS
 from lanewise.runs import lock
 from lanewise.runs.compiler import switches
 from lanewise.runs.files import PARTIAL, OpenFolder, write_atomically
 from lanewise.settings import Settings
+from lanewise.system import process, safe_io, version
 
 FORMAT = "lanewise-run"
 VERSION = 2
@@ -107,7 +108,7 @@ class RunFolder:
                 or the seed is none.
             SettingsError: The machine has not the memory for what they ask.
         """
-        crosschecks.check_memory(settings, controller, cores.memory(), observed)
+        crosschecks.check_memory(settings, controller, process.total_memory(), observed)
         name = _name_of(path)
         require_empty(name)
         if type(seed) is not int or not 0 <= seed <= LARGEST_SEED:
@@ -262,7 +263,7 @@ class RunFolder:
             **({"compiler": list(self.compiler)} if self.compiler else {}),
             "created": datetime.now(UTC).isoformat(timespec="seconds"),
         }
-        manifest["digest"] = reading.digest(manifest)
+        manifest["digest"] = safe_io.digest(manifest)
         contents = {
             "settings.toml": config.dump_toml(self.settings).encode(),
             "run.json": (json.dumps(manifest, indent=2) + "\n").encode(),
@@ -287,8 +288,8 @@ def require_outside(path: Path) -> None:
     """
     for folder in path.absolute().parent.resolve().joinpath(path.name).parents:
         try:
-            manifest = reading.contents(folder / "run.json", _LARGEST_MANIFEST)
-        except reading.UnreadableError:
+            manifest = safe_io.read_bytes(folder / "run.json", _LARGEST_MANIFEST)
+        except safe_io.UnreadableError:
             continue
         # Of a damaged run too.
         if f'"{FORMAT}"'.encode() in manifest:
@@ -325,8 +326,8 @@ def _check_names(path: Path) -> None:
     """
     for name in (*_FILES, *_FOLDERS):
         try:
-            reading.require_plain(path / name, folder=name in _FOLDERS)
-        except reading.UnreadableError as error:
+            safe_io.require_plain(path / name, folder=name in _FOLDERS)
+        except safe_io.UnreadableError as error:
             raise RunError(f"{path / name}: {error}") from error
 
 
@@ -335,14 +336,14 @@ def _read_manifest(path: Path) -> dict[str, Any]:
     if not file.is_file():
         raise RunError(f"no run in {path}: looked for {file}")
     try:
-        manifest = reading.json_value(reading.contents(file, _LARGEST_MANIFEST, links=False))
-    except reading.UnreadableError as error:
+        manifest = safe_io.parse_json(safe_io.read_bytes(file, _LARGEST_MANIFEST, links=False))
+    except safe_io.UnreadableError as error:
         raise RunError(f"{file} is damaged: {error}") from error
     except ValueError as error:
         raise RunError(f"{file} is damaged: not valid JSON") from error
     if not isinstance(manifest, dict) or "format" not in manifest:
         raise RunError(f"{file} does not describe a run")
-    if other := reading.other_format(manifest, FORMAT, VERSION):
+    if other := safe_io.format_mismatch(manifest, FORMAT, VERSION):
         raise RunError(f"{file} {other}")
     _check_identity(file, manifest)
     return manifest
@@ -364,16 +365,16 @@ def _check_identity(file: Path, manifest: dict[str, Any]) -> None:
         raise RunError(f"{file} is damaged: {error}") from error
     if unknown := manifest.keys() - _FIELDS:
         raise RunError(f'{file} is damaged: it has no field "{brief(min(unknown))}"')
-    if "digest" in manifest and manifest["digest"] != reading.digest(manifest):
+    if "digest" in manifest and manifest["digest"] != safe_io.digest(manifest):
         raise RunError(f"{file} was altered: its digest is not its own")
 
 
 def _read_settings(path: Path, manifest: dict[str, Any]) -> Settings:
     file = path / "settings.toml"
     try:
-        data = reading.contents(file, LARGEST_SETTINGS, links=False)
+        data = safe_io.read_bytes(file, LARGEST_SETTINGS, links=False)
         settings = config.compose_from(data, file)
-    except reading.UnreadableError as error:
+    except safe_io.UnreadableError as error:
         raise RunError(f"cannot read settings file {file}: {error}") from error
     except SettingsError as error:
         raise RunError(str(error)) from error

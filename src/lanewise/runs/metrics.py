@@ -15,9 +15,9 @@ from typing import IO, Any
 
 import numpy as np
 
-from lanewise import reading
 from lanewise.errors import RunError, brief
 from lanewise.runs.files import OpenFolder, opened, write_atomically
+from lanewise.system import safe_io
 
 _LONGEST_LINE = 20_000
 """Bytes; ours have a few hundred."""
@@ -141,7 +141,7 @@ def keep_copy(path: Path, end: int, folder: OpenFolder | None = None) -> Path | 
 
 
 def _record(line: bytes) -> dict[str, Any]:
-    record = reading.json_value(line)
+    record = safe_io.parse_json(line)
     if not isinstance(record, dict):
         raise ValueError("it is no object")
     for name, value in record.items():
@@ -158,21 +158,21 @@ def _is_number(value: Any) -> bool:
 def _lines(path: Path, end: int | None) -> Iterator[bytes]:
     """The whole lines up to a place, or all; what follows the last of all is left out."""
     try:
-        reading.require_plain(path)
+        safe_io.require_plain(path)
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
             stop = size if end is None else end
             if size < stop:
-                raise reading.UnreadableError(f"truncated: {size} of {stop} bytes")
+                raise safe_io.UnreadableError(f"truncated: {size} of {stop} bytes")
             while (line := file.readline(min(_LONGEST_LINE, stop - file.tell()))).endswith(b"\n"):
                 yield line
             if len(line) == _LONGEST_LINE:
-                raise reading.UnreadableError("a line is longer than any record")
+                raise safe_io.UnreadableError("a line is longer than any record")
             if line and end is not None:
-                raise reading.UnreadableError(f"no line ends at byte {end}")
+                raise safe_io.UnreadableError(f"no line ends at byte {end}")
     except OSError as error:
         raise RunError(f"cannot read {path}: {error.strerror}") from error
-    except reading.UnreadableError as error:
+    except safe_io.UnreadableError as error:
         raise RunError(f"{path} is damaged: {error}") from error
 
 
@@ -180,8 +180,8 @@ def _appending(path: Path, folder: OpenFolder | None) -> IO[bytes]:
     """The file, to be written to; neither a link nor a pipe of its name, nor a name of two."""
     flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK
     try:
-        reading.require_plain(path)
-    except reading.UnreadableError as error:
+        safe_io.require_plain(path)
+    except safe_io.UnreadableError as error:
         raise RunError(f"cannot write {path}: {error}") from error
     with opened(folder or path.parent) as place:
         file = os.fdopen(os.open(path.name, flags, 0o644, dir_fd=place.descriptor), "ab")

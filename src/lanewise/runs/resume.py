@@ -7,7 +7,6 @@ from typing import Any
 
 import jax
 
-from lanewise import pinned
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import CheckpointError, RunError
@@ -15,6 +14,7 @@ from lanewise.runs import checkpoint, records, trained, tree
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.templates import Template
 from lanewise.runs.trained import Mark
+from lanewise.system import pinned
 from lanewise.training import recipe, selection
 from lanewise.training import stage as stage_loop
 from lanewise.training.host import Ledger, StagePlan, StageProgress

@@ -13,17 +13,17 @@ from typing import Any
 
 import jax
 
-from lanewise import pinned, signals
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import NumbersError, RunError, shell_line
-from lanewise.progress import Progress
 from lanewise.runs import checkpoint, diverged, kept, metrics, resume, trained, tree
 from lanewise.runs.folder import CHECKPOINTS, RunFolder
 from lanewise.runs.metrics import MetricsWriter, keep_copy
 from lanewise.runs.resume import plan_of
 from lanewise.runs.trained import Mark
 from lanewise.runs.views import Views
+from lanewise.system import pinned, process
+from lanewise.system.progress import Progress
 from lanewise.training import host as stages
 from lanewise.training import recipe
 from lanewise.training.host import StagePlan, StageProgress
@@ -69,7 +69,7 @@ class _Interrupts:
 
     def __enter__(self) -> "_Interrupts":
         for number in (signal.SIGINT, signal.SIGTERM):
-            self._listening.enter_context(signals.heard(number, self._hear))
+            self._listening.enter_context(process.handle_signal(number, self._hear))
         return self
 
     def __exit__(self, *_: object) -> None:

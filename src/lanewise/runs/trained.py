@@ -7,7 +7,6 @@ from typing import Any
 
 import jax
 
-from lanewise import pinned
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import CheckpointError, RunError, shell_line
@@ -17,9 +16,10 @@ from lanewise.runs.folder import STAGES, RunFolder
 from lanewise.runs.lender import check_lender
 from lanewise.runs.metrics import MetricsWriter
 from lanewise.settings import Settings
+from lanewise.system import pinned
+from lanewise.system.version import __version__
 from lanewise.training import recipe
 from lanewise.training.recipe import Stage
-from lanewise.version import __version__
 
 CONTROLLER = "controller"
 """File name of a finished run's controller."""

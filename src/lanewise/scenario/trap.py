@@ -14,8 +14,8 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from lanewise import pinned
 from lanewise.scenario.settings import TrapSettings
+from lanewise.system import pinned
 from lanewise.world import build, road
 from lanewise.world.select import pick
 from lanewise.world.settings import DriverSettings

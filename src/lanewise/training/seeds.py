@@ -6,7 +6,7 @@ from typing import Any
 
 import jax
 
-from lanewise import pinned
+from lanewise.system import pinned
 from lanewise.training import stage
 from lanewise.training.rollout import Course
 from lanewise.training.stage import ChunkMetrics, StageState

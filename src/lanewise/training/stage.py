@@ -13,12 +13,12 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from lanewise import pinned
 from lanewise.controllers.controller import Parameters
 from lanewise.driving import restart
 from lanewise.learning import exploration, learner, replay
 from lanewise.learning.learner import Learner
 from lanewise.learning.replay import Replay
+from lanewise.system import pinned
 from lanewise.training import finite, rollout
 from lanewise.training.finite import Between, Finite
 from lanewise.training.rollout import Course, Finished, Rollout

@@ -29,6 +29,7 @@ class Progress:
         interval: float = 10.0,
         clock: Callable[[], float] = time.monotonic,
         quiet: bool = False,
+        prefix: str = "",
     ) -> None:
         """Prepares a reporter.
 
@@ -37,12 +38,15 @@ class Progress:
             interval: Least time between two plain lines, s.
             clock: Tells the time, s.
             quiet: Whether to write notes alone.
+            prefix: Begins every line, where several processes share a stream; there is no bar then.
         """
         self._stream = unfailing(sys.stderr if stream is None else stream)
         self._interval = interval
         self._clock = clock
         self._quiet = quiet
-        self._bar = _make_bar(self._stream) if self._stream.isatty() and not quiet else None
+        self._prefix = prefix
+        plain = quiet or prefix or not self._stream.isatty()
+        self._bar = None if plain else _make_bar(self._stream)
         self._task: TaskID | None = None
         self._name = ""
         self._total = 0.0
@@ -115,7 +119,9 @@ class Progress:
         return f"{duration(seconds)} left"
 
     def _line(self, text: str) -> None:
-        self._stream.write(text + "\n")
+        # Whole lines at once, so that two processes do not mix theirs.
+        lines = text.splitlines() or [""]
+        self._stream.write("".join(f"{self._prefix}{line}\n" for line in lines))
         self._stream.flush()
 
 

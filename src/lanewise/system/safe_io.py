@@ -1,14 +1,13 @@
-"""Reading files that may come from a stranger: nothing is followed, waited for or run.
+"""Safe reading of files that may come from a stranger: nothing is followed, awaited or run.
 
-A file is read only if it is a regular one of a size that makes sense; JSON and TOML only if they
-say one thing and say it plainly. Imports no JAX.
+Only regular files of a bounded size are read; JSON and TOML only if they are unambiguous and cheap
+to parse. Imports no JAX.
 """
 
 import hashlib
 import json
 import math
 import os
-import re
 import stat
 import tomllib
 from collections.abc import Mapping
@@ -16,33 +15,31 @@ from pathlib import Path
 from typing import Any
 
 from lanewise.errors import LanewiseError, brief
-from lanewise.version import __version__
+from lanewise.system.version import __version__
 
 _DEEPEST = 32
-"""Lists and objects inside one another; ours need 4."""
-_DIGITS, _ENDLESS = re.compile(rb"[0-9_]+"), 4000
-"""A number, and how many digits are out of every range."""
+"""Nested lists and objects; ours need 4."""
 _MOST_DOTS = 32
-"""In a line of TOML. Reading a dotted key takes time with the square of its parts."""
+"""In a line of TOML. Parsing a dotted key takes time with the square of its parts."""
 
 
 class UnreadableError(LanewiseError):
-    """A file cannot be read, and its message is why; whoever asked for it says which it is."""
+    """A file cannot be read; the message says why, and the caller adds which file."""
 
 
-def contents(path: Path, largest: int, *, links: bool = True) -> bytes:
-    """The bytes of a regular file.
+def read_bytes(path: Path, largest: int, *, links: bool = True) -> bytes:
+    """Read a regular file.
 
     Args:
         path: of the file.
         largest: bytes; a larger file is not read at all.
-        links: whether the file's name may be a link. What a person names may be; a file that a
-            stranger has put beside others may not, as it would lead elsewhere.
+        links: whether the name may be a link. A name that a person typed may be one; a file that
+            lies beside others in a folder from elsewhere may not.
 
     Raises:
-        UnreadableError: it is missing, no regular file, too large, or cannot be read.
+        UnreadableError: the file is missing, not a regular file, too large, or cannot be read.
     """
-    # Without O_NONBLOCK a pipe would be waited for.
+    # Without O_NONBLOCK, opening a pipe would wait for its writer.
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | (0 if links else os.O_NOFOLLOW)
     try:
         _check_regular(path.stat() if links else path.lstat())
@@ -51,7 +48,7 @@ def contents(path: Path, largest: int, *, links: bool = True) -> bytes:
             _check_regular(status)
             if status.st_size > largest:
                 raise UnreadableError(f"too large: larger than {largest} bytes")
-            # Some files say that they are empty and are not.
+            # Some special files report a length of 0 and yet hold something.
             data = file.read(status.st_size + 1)
     except OSError as cause:
         raise UnreadableError(cause.strerror or str(cause)) from cause
@@ -69,10 +66,10 @@ def _check_regular(status: os.stat_result) -> None:
 
 
 def require_plain(path: Path, *, folder: bool = False) -> None:
-    """Refuse what is there under a name unless it is a regular file, or a folder; or nothing.
+    """Refuse a name that exists and is not a regular file, or with ``folder`` not a folder.
 
     Raises:
-        UnreadableError: it is a link, a pipe, a device, or the other of the two.
+        UnreadableError: the name is a link, a pipe, a device, or the other of the two.
     """
     try:
         status = path.lstat()
@@ -86,17 +83,16 @@ def require_plain(path: Path, *, folder: bool = False) -> None:
         raise UnreadableError("not a folder")
 
 
-def json_value(data: bytes) -> Any:
-    """What a JSON text says, in UTF-8 and plainly: no name twice, no number that is none.
+def parse_json(data: bytes) -> Any:
+    """Parse JSON in UTF-8: no name twice in an object, no NaN, no infinity.
 
     Raises:
-        ValueError: it is no JSON, says something twice, holds NaN or an infinity, or is nested
-            deeper than anything of ours.
+        ValueError: the text is no such JSON, or is nested deeper than any file of ours.
     """
     try:
         found = json.loads(
             data.decode("utf-8"),
-            object_pairs_hook=_once,
+            object_pairs_hook=_unique,
             parse_constant=_finite,
             parse_float=_finite,
         )
@@ -106,34 +102,32 @@ def json_value(data: bytes) -> Any:
     return found
 
 
-def toml_table(data: bytes) -> dict[str, Any]:
-    """What a TOML text says.
+def parse_toml(data: bytes) -> dict[str, Any]:
+    """Parse TOML in UTF-8.
 
     Raises:
-        ValueError: it is no TOML, or such as would take long to read.
+        ValueError: the text is no TOML, or would take long to parse.
     """
     try:
         text = data.decode("utf-8")
-        # A line of TOML ends with a line feed alone, and so a key may run on over any other end.
+        # Only a line feed ends a line of TOML, so a key may go on after other line separators.
         if any(line.count(".") > _MOST_DOTS for line in text.split("\n")):
             raise ValueError(f"a line has more than {_MOST_DOTS} dots")
         return tomllib.loads(text)
     except UnicodeDecodeError as cause:
         raise ValueError("not UTF-8 text") from cause
     except (ValueError, RecursionError) as cause:
-        if name := _endless(data):
-            raise ValueError(
-                f"{name}: a whole number of so many digits is out of every range"
-            ) from cause
+        if "int_max_str_digits" in str(cause):
+            raise ValueError("a whole number has too many digits") from cause
         raise ValueError(" ".join(str(cause).split())[:120]) from cause
 
 
-def other_format(document: Any, name: str, version: int) -> str:
-    """Says which format a document is of, if it is not the one that is wanted; otherwise nothing.
+def format_mismatch(document: Any, name: str, version: int) -> str:
+    """How a document's format differs from the wanted one; empty if it does not.
 
     Args:
-        document: what was read; where it names no format or version, it is of ``name`` or of the
-            first version.
+        document: the parsed file. Without ``format`` or ``version`` it counts as ``name``, and as
+            version 1.
         name: the wanted format.
         version: the wanted version of it.
     """
@@ -151,23 +145,13 @@ def other_format(document: Any, name: str, version: int) -> str:
     )
 
 
-def _endless(data: bytes) -> str:
-    """What a line of TOML sets to a number of thousands of digits; empty where none does."""
-    for number in _DIGITS.finditer(data):
-        if number.end() - number.start() >= _ENDLESS:
-            line = data[data.rfind(b"\n", 0, number.start()) + 1 : number.start()]
-            name, equals, _ = line.partition(b"=")
-            return name.decode("utf-8", "replace").strip()[:80] if equals else ""
-    return ""
-
-
 def digest(document: Mapping[str, Any], field: str = "digest") -> str:
-    """SHA-256 over everything in a document but the field that is to hold it."""
+    """SHA-256 of a document without the field that holds the digest."""
     rest = {name: value for name, value in document.items() if name != field}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
 
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) != len(pairs):
         raise ValueError("a name is given twice")
