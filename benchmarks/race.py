@@ -23,11 +23,11 @@ import numpy as np
 
 from lanewise import config
 from lanewise.experiments import schedule
-from lanewise.experiments.work import Job
+from lanewise.experiments.jobs import Job
 from lanewise.report import provenance
-from lanewise.runs import kept, lock, metrics, trained
-from lanewise.runs.folder import RunFolder
-from lanewise.system import process, version
+from lanewise.runs import metrics_file, run_state, selected_weights
+from lanewise.runs.run_folder import RunFolder
+from lanewise.system import folder_io, process, version
 
 SPACES: dict[str, dict[str, Sequence[object]]] = {
     "single-level": {
@@ -121,7 +121,7 @@ def training(out: Path, controller: str, number: int, seed: int) -> Training:
 
 def race(options: argparse.Namespace, runs: Sequence[Training]) -> None:
     """Train what is left, as many at once as there are cores; then write the record."""
-    with lock.held(options.out, "racing") as out:
+    with folder_io.make_locked(options.out, "racing") as out:
         schedule.run(runs, options.processes, sys.stderr, out)
     write(options.out)
 
@@ -131,9 +131,9 @@ def score(out: Path, controller: str, number: int) -> float:
     return weights_of(training(out, controller, number, 0).path).score
 
 
-def weights_of(path: Path) -> kept.Kept:
+def weights_of(path: Path) -> selected_weights.SelectedWeights:
     """The weights that a finished training kept, on fresh validation starts."""
-    return kept.of_run(metrics.read(path / "metrics.jsonl"))[-1]
+    return selected_weights.of_run(metrics_file.read(path / "metrics.jsonl"))[-1]
 
 
 def write(out: Path) -> None:
@@ -151,7 +151,7 @@ def write(out: Path) -> None:
                 "score": weights.score,
                 **{name: value for name, value in weights.line.items() if "_" in name},
                 "trained_by": dict(folder.source),
-                "weights_sha256": trained.fingerprint(folder),
+                "weights_sha256": run_state.weights_digest(folder),
             }
         )
     record = {

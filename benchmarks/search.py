@@ -19,12 +19,16 @@ import numpy as np
 from lanewise import config
 from lanewise.evaluation import drive, metrics
 from lanewise.report.provenance import machine, source, versions
-from lanewise.runs import checkpoint, tree
-from lanewise.runs.folder import RunFolder
-from lanewise.runs.train import plan_of
+from lanewise.runs import checkpoint
 from lanewise.training import host, recipe
+from lanewise.training.plan import TrainingPlan
 
-STAGES = {stage.name: (i, stage) for r in recipe.RECIPES.values() for i, stage in enumerate(r)}
+STAGES = {
+    stage.name: (name, index)
+    for name, stages in recipe.RECIPES.items()
+    for index, stage in enumerate(stages)
+}
+"""By name of the stage, a controller that is trained in it, and its place there."""
 UNSEEN_SEED = 1
 """Of the validation starts that judge; the training's own choose by `VALIDATION_SEED`."""
 EPISODES = 1000
@@ -37,15 +41,13 @@ def main() -> None:
     kinds = config.kinds()
     flags = {name: kinds[name].parse(name, value.split(",")) for name, value in changes.items()}
     settings = config.compose(flags=flags)
-    index, stage = STAGES[options.stage]
-    plan = plan_of(RunFolder(Path(), settings, "search", options.seed, ""), stage)
+    controller, index = STAGES[options.stage]
+    training = TrainingPlan.build(settings, controller)
+    plan = training.stages[index]
     frozen = {}
     began = time.monotonic()
     if options.high_level:
-        stored = checkpoint.load(options.high_level, "step-1").arrays
-        first = plan_of(RunFolder(Path(), settings, "search", 0, ""), STAGES["step-1"][1])
-        blank = jax.eval_shape(lambda: host.stage.begin(first.course, {}, jax.random.key(0)))
-        frozen = tree.unflatten(host.stage.online(blank.learners), stored)
+        frozen = checkpoint.load(options.high_level, "step-1", training.frozen(index)).tree
     now = host.begin(plan, frozen, jax.random.fold_in(jax.random.key(options.seed), index))
     while not plan.finished(now.ledger):
         now, report = host.advance(plan, frozen, now)
@@ -60,10 +62,10 @@ def main() -> None:
             print({name: report.chunk[name] for name in names}, flush=True)
     parameters = host.result(plan, now)
     if options.keep:
-        checkpoint.save(options.keep, stage.name, tree.flatten(parameters), {}, "search")
+        checkpoint.save(options.keep, plan.name, parameters, {}, "search")
     episodes = drive.test(plan.validation, frozen | parameters, UNSEEN_SEED, EPISODES)
     row = {
-        "stage": stage.name,
+        "stage": plan.name,
         "seed": options.seed,
         "changes": changes,
         **source(),
@@ -72,9 +74,7 @@ def main() -> None:
         "seconds": round(time.monotonic() - began, 1),
         "best_chunk": now.ledger.best_chunk,
         "escape_time": float(np.nanmean(episodes.escape_time)),
-        "validation": metrics.summarise(
-            episodes, controller=stage.name, world="lanewise"
-        ).to_json(),
+        "validation": metrics.summarise(episodes, controller=plan.name, world="lanewise").to_json(),
     }
     with options.out.open("a") as file:
         file.write(json.dumps(row) + "\n")

@@ -33,14 +33,15 @@ import numpy as np
 import record
 
 from lanewise.errors import CheckpointError
-from lanewise.runs import checkpoint, files
+from lanewise.runs import checkpoint
+from lanewise.system import folder_io
 from lanewise.system.progress import Progress
 
 DIGEST, KEPT = "d" * 64, 2
 FIRST = 3
 """So many checkpoints are there before anything goes wrong."""
 CALLS = ("open", "write", "fsync", "replace", "unlink")
-"""Of `lanewise.runs.files` to the system; new folders go through Path."""
+"""Of `lanewise.system.folder_io` to the system; new folders go through Path."""
 ERRORS = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EROFS, errno.EMFILE)
 LIMITS = (0, 1, 1000, 100_000, 1_000_000)
 """Bytes a file may have."""
@@ -71,7 +72,7 @@ def newest(folder):
         return 0, warning
     number = found.meta["number"]
     for name, array in contents(number).items():
-        if found.arrays[name].tobytes() != array.tobytes():
+        if found.tree[name].tobytes() != array.tobytes():
             raise CheckpointError(f"checkpoint {number} holds other {name} than were saved")
     return number, warning
 
@@ -137,7 +138,7 @@ def at_call(number, action):
 
     def lay():
         for name in CALLS:
-            setattr(files.os, name, wrap(getattr(os, name)))
+            setattr(folder_io.os, name, wrap(getattr(os, name)))
 
     return lay
 
@@ -222,7 +223,7 @@ def judge(folder, told):
             return f"a half checkpoint had a name: {warning}"
         save(folder, told + 2)
         number, _ = newest(folder)
-        left = [path.name for path in folder.iterdir() if path.name.endswith(files.PARTIAL)]
+        left = [path.name for path in folder.iterdir() if path.name.endswith(folder_io.PARTIAL)]
         if number != told + 2 or left:
             return f"saving again left {number} and {left}"
     except (CheckpointError, OSError) as error:

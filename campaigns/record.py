@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from lanewise.report.provenance import machine, source, versions
-from lanewise.runs.files import write_atomically
+from lanewise.system.folder_io import write_atomically
 
 ROOT = Path(__file__).parents[1]
 

@@ -22,8 +22,8 @@ import record
 import small_runs
 from small_runs import STAGES_OF, Quiet
 
-from lanewise.runs import checkpoint, train
-from lanewise.runs.folder import RunFolder
+from lanewise.runs import checkpoint, training_loop
+from lanewise.runs.run_folder import RunFolder
 from lanewise.system.progress import Progress
 
 CHUNKS, EPSILON_CHUNKS = 12, 8
@@ -40,7 +40,7 @@ class KilledError(BaseException):
 def whole(path, controller):
     """A run that was never stopped."""
     with small_runs.create(path, FLAGS, controller, SEED) as folder:
-        train.train(folder, None, Quiet())
+        small_runs.train(folder)
 
 
 def trial(path, controller, rng):
@@ -49,14 +49,14 @@ def trial(path, controller, rng):
     Returns:
         A description of each stop.
     """
-    train.INTERVAL = 0.0
+    training_loop.INTERVAL = 0.0
     stops = []
     wanted = int(rng.integers(1, 4))
     opened = small_runs.create(path, FLAGS, controller, SEED)
     while True:
         with opened as folder:
             if len(stops) == wanted:
-                train.train(folder, None, Quiet())
+                small_runs.train(folder)
                 return stops
             stop = {
                 "controller": controller,
@@ -65,7 +65,7 @@ def trial(path, controller, rng):
                 "way": str(rng.choice(WAYS)),
             }
             try:
-                train.train(folder, None, Quiet((stop["stage"], stop["chunks"]), _action(stop)))
+                small_runs.train(folder, Quiet((stop["stage"], stop["chunks"]), _action(stop)))
             except (KeyboardInterrupt, KilledError):
                 pass
             else:
@@ -101,14 +101,7 @@ def _lose(path, way, rng):
 
 
 def _meta(folder, name):
-    return checkpoint.load(folder, name, nonfinite=_All()).meta
-
-
-class _All:
-    """Every name."""
-
-    def __contains__(self, name):
-        return True
+    return checkpoint.read_meta(folder, name)
 
 
 def _where(path):
@@ -117,8 +110,8 @@ def _where(path):
     names = checkpoint.names(folder)
     if not names:
         return {"continues_from": None}
-    found = checkpoint.load(folder, names[-1], nonfinite=_All())
-    arrays, chunk = found.arrays, found.meta["ledger"]["chunks"]
+    found = checkpoint.load(folder, names[-1])
+    arrays, chunk = found.tree, found.meta["ledger"]["chunks"]
     ages = arrays.get("state/rollouts/memory/goal/age", arrays.get("state/rollouts/memory/age"))
     return {
         "continues_from": found.name,

@@ -1,10 +1,11 @@
 """Trainings that take a second once compiled, for whoever trains again and again."""
 
 from lanewise import config
-from lanewise.runs import train
-from lanewise.runs.folder import RunFolder
+from lanewise.runs import training_loop
+from lanewise.runs.run_folder import RunFolder
 from lanewise.settings import STAGES
 from lanewise.system.progress import Progress
+from lanewise.training.plan import TrainingPlan
 
 LEVEL = {
     "learner.hidden": (16, 16),
@@ -84,10 +85,16 @@ def create(path, values, controller, seed):
     return RunFolder.create(path, config.compose(flags=values), controller, seed)
 
 
+def train(folder, reporter=None, high_level=None):
+    """Train in a run folder to the end."""
+    plan = TrainingPlan.build(folder.settings, folder.controller)
+    training_loop.train(folder, plan, reporter or Quiet(), high_level=high_level)
+
+
 def resume(path, reporter=None):
     """Continue a run."""
     with RunFolder.resume(path) as folder:
-        train.train(folder, None, reporter or Quiet())
+        train(folder, reporter)
 
 
 def results(path, names=("controller.safetensors", "metrics.jsonl", "episodes.csv", "chunks.csv")):

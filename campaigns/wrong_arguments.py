@@ -2,14 +2,14 @@
 
 import math
 
+from lanewise.runs.shelf import pretrained
 from wrong_doors import TAKEN, Mistake
 from wrong_names import SLIPS
 
 from lanewise.cli import COMMANDS
 from lanewise.commands.arguments import _flags
 from lanewise.controllers.settings import REFERENCES
-from lanewise.runs.folder import CONTROLLERS
-from lanewise.runs.shelf import pretrained
+from lanewise.runs.run_folder import CONTROLLERS
 from lanewise.settings import PRESETS, TRAPS
 
 # Each so that it ends before anything starts even if the mistake is not seen.

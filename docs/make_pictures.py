@@ -9,7 +9,7 @@ from pathlib import Path
 from PIL import Image
 
 from lanewise.evaluation.episodes import Recording
-from lanewise.experiments import testing
+from lanewise.experiments import evaluate_trained
 from lanewise.report import (
     film_strip,
     framework,
@@ -55,7 +55,7 @@ def schematics(settings: Settings) -> None:
 def drives() -> None:
     """The pictures of test episodes."""
     recordings = {
-        name: testing.record(trained.load(Path("pretrained") / name), "lanewise", 0, 0)
+        name: evaluate_trained.record(trained.load(Path("pretrained") / name), "lanewise", 0, 0)
         for name in CONTROLLERS
     }
     ours = recordings["hierarchical"]

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from lanewise.report import provenance
-from lanewise.runs import kept, metrics, shelf, trained
+from lanewise.runs import metrics_file, pretrained, selected_weights, trained
 
 KEPT = ("run.json", "settings.toml", "controller.json", "controller.safetensors")
 
@@ -29,7 +29,7 @@ def main() -> None:
     found = {run: chosen_by(run) for run in runs}
     run = max(runs, key=lambda run: last(found[run])["score"])
     controller = trained.load(run)
-    target = shelf.PRETRAINED / name
+    target = pretrained.PRETRAINED / name
     target.mkdir(parents=True, exist_ok=True)
     for file in KEPT:
         shutil.copyfile(run / file, target / file)
@@ -59,7 +59,7 @@ def chosen_by(run: Path) -> dict[str, dict[str, Any]]:
             if name.startswith("kept_") and name != "kept_chunk"
         }
         | {"score": weights.score}
-        for weights in kept.of_run(metrics.read(run / "metrics.jsonl"))
+        for weights in selected_weights.of_run(metrics_file.read(run / "metrics.jsonl"))
     }
 
 

@@ -56,3 +56,35 @@ def compiled_programs(pytestconfig: pytest.Config) -> Iterator[None]:
 
     # In memory all together would take gigabytes.
     jax.clear_caches()
+
+
+@pytest.fixture(scope="session")
+def _hierarchical_runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """One training of both steps: (the finished run, a copy made within step 2, as by a kill)."""
+    import small_runs
+
+    from lanewise.runs import training_loop
+
+    path = tmp_path_factory.mktemp("hierarchical")
+    whole, stopped = path / "run", path / "stopped"
+    copy = small_runs.Quiet(("step-2", 4), lambda: shutil.copytree(whole, stopped))
+    flags = small_runs.flags(chunks=5)
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        small_runs.create(whole, flags, "hierarchical", seed=4) as folder,
+    ):
+        patch.setattr(training_loop, "INTERVAL", 0.0)
+        small_runs.train(folder, copy)
+    return whole, stopped
+
+
+@pytest.fixture(scope="session")
+def whole(_hierarchical_runs: tuple[Path, Path]) -> Path:
+    """A finished hierarchical run that was never stopped; not to be changed."""
+    return _hierarchical_runs[0]
+
+
+@pytest.fixture
+def stopped(_hierarchical_runs: tuple[Path, Path], tmp_path: Path) -> Path:
+    """A copy of that run as a kill in chunk 4 of step 2 leaves it, with two checkpoints."""
+    return shutil.copytree(_hierarchical_runs[1], tmp_path / "stopped")

@@ -21,19 +21,17 @@ from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.evaluation.metrics import Summary
 from lanewise.evaluation.outside import OutsideCourse
 from lanewise.evaluation.settings import EvaluationSettings
-from lanewise.experiments import published, testing
+from lanewise.experiments import evaluate_trained, published
 from lanewise.names import look_up
 from lanewise.ranges import EPISODES, SEEDS, Kind
 from lanewise.report import files, table
-from lanewise.runs import train as training
-from lanewise.runs import trained, views
-from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1, RunFolder
-from lanewise.runs.lender import check_lender
+from lanewise.runs import metric_sinks, trained, training_loop
+from lanewise.runs.run_folder import CONTROLLERS, WITH_STEP_1, RunFolder, open_high_level
 from lanewise.runs.trained import Trained
 from lanewise.settings import Settings
 from lanewise.system import process
 from lanewise.system.progress import Progress
-from lanewise.training import trial
+from lanewise.training.plan import TrainingPlan
 
 __all__ = ["Evaluation", "Parts", "evaluate", "train"]
 
@@ -155,7 +153,7 @@ def train(
     for name, value in {"resume": resume, "tensorboard": tensorboard, "quiet": quiet}.items():
         SWITCH.check(name, value)
     if tensorboard:
-        views.needed()
+        metric_sinks.tensorboard_writer()
     lender = None if high_level is None else PATH.check("high_level", high_level)
     if lender is not None and controller not in WITH_STEP_1:
         raise RunError(f"high_level: only {' and '.join(WITH_STEP_1)} controllers have a step 1")
@@ -169,17 +167,21 @@ def train(
         if resume:
             given = preset is not None or trap is not None or settings
             folder = RunFolder.resume(path, composed if given else None, controller, seed)
+            plan = TrainingPlan.build(folder.settings, controller, parts)
         else:
             # Before the folder is made: a refused run leaves nothing behind.
             if lender is not None:
-                check_lender(lender, composed, parts.names())
-            observed = trial.trace(composed, controller, parts)
+                open_high_level(lender, composed, parts.names())
+            plan = TrainingPlan.build(composed, controller, parts)
+            observed = plan.trace()
             folder = RunFolder.create(
                 path, composed, controller, 0 if seed is None else seed, parts.names(), observed
             )
         with folder, Progress(quiet=quiet) as reporter:
             try:
-                training.train(folder, lender, reporter, tensorboard=tensorboard, parts=parts)
+                training_loop.train(
+                    folder, plan, reporter, high_level=lender, tensorboard=tensorboard
+                )
             except KeyboardInterrupt as stop:
                 # Said at once, as the caller may catch it, and once more below a traceback.
                 how = f"training stopped; continue with: {_again(folder, lender, parts)}"
@@ -301,11 +303,11 @@ def _ours(
         made = "; ".join(controller.parts.names()) or "no parts of the user's own"
         raise RunError(f"parts: {controller.name} was made with {made}; give no others")
     with Progress(quiet=quiet) as reporter:
-        found = testing.test(controller, world, episodes, seed, reporter)
+        found = evaluate_trained.evaluate(controller, world, episodes, seed, reporter)
     return Evaluation(
         episodes=found,
-        summary=_summary(found, controller.name, world, testing.course(controller)),
-        _record=partial(testing.record, controller, world, seed),
+        summary=_summary(found, controller.name, world, evaluate_trained.test_course(controller)),
+        _record=partial(evaluate_trained.record, controller, world, seed),
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from lanewise import config
-from lanewise.runs.folder import RunFolder
+from lanewise.runs.run_folder import RunFolder
 from lanewise.system import version
 
 FILE = Path(__file__).resolve().parents[2] / "benchmarks" / "race.py"

@@ -11,7 +11,7 @@ from lanewise.cli import main
 from lanewise.commands import compare, train
 from lanewise.commands.arguments import parse
 from lanewise.report import provenance
-from lanewise.runs.folder import RunFolder
+from lanewise.runs.run_folder import RunFolder
 from lanewise.settings import Settings
 
 TRAIN = ["train", "hierarchical", "--out", "run"]

@@ -16,8 +16,8 @@ from lanewise.cli import main
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import drive
 from lanewise.report import files
-from lanewise.runs import trained
-from lanewise.runs.folder import RunFolder
+from lanewise.runs import run_state, trained
+from lanewise.runs.run_folder import RunFolder
 from lanewise.training import recipe
 
 CONTROLLER = "single-level"
@@ -48,7 +48,7 @@ def make_run(name, changes):
         (stage,) = recipe.RECIPES[CONTROLLER]
         shapes = trained.blank_networks(folder, stage)
         weights = jax.tree.map(lambda leaf: rng.normal(0, 0.5, leaf.shape).astype("f4"), shapes)
-        trained.save_controller(folder, weights)
+        run_state.save_controller(folder, weights)
 
 
 @pytest.fixture(scope="module")

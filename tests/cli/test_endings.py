@@ -10,9 +10,9 @@ import pytest
 from lanewise import cli
 from lanewise.cli import main
 from lanewise.errors import printable
-from lanewise.experiments import testing
+from lanewise.experiments import evaluate_trained
 from lanewise.report import clip
-from lanewise.runs import train
+from lanewise.runs import training_loop
 
 TRAIN = ["train", "hierarchical", "--out", "run"]
 
@@ -83,12 +83,12 @@ def test_a_name_without_anything_odd_is_shown_as_it_is(monkeypatch, capsys):
 
 @pytest.mark.parametrize("name", STEERING)
 def test_finished_and_wrote_steer_no_terminal(name, monkeypatch, capsys):
-    monkeypatch.setattr(train, "train", lambda *_, **__: None)
+    monkeypatch.setattr(training_loop, "train", lambda *_, **__: None)
     assert main(["train", "single-level", "--out", name]) == 0
     finished = plain(capsys.readouterr().err)
     assert finished.count("\n") == 1
     assert words_of(finished.partition("; ")[2]) == ["lanewise", "evaluate", name, "tests", "it"]
-    monkeypatch.setattr(testing, "record", lambda *_: None)
+    monkeypatch.setattr(evaluate_trained, "record", lambda *_: None)
     monkeypatch.setattr(clip, "render", lambda *_: None)
     out = f"{name}.gif"
     assert main(["watch", "pretrained/single-level", "-o", out]) == 0

@@ -11,8 +11,8 @@ import pytest
 from lanewise.commands import journal
 from lanewise.errors import RunError
 from lanewise.evaluation.grid import Outcome, Reach
-from lanewise.runs import lock
-from lanewise.runs.files import PARTIAL
+from lanewise.system import folder_io
+from lanewise.system.folder_io import PARTIAL
 
 IDENTITY = {"kind": "Sweep", "seed": 0}
 
@@ -82,13 +82,13 @@ def test_one_from_before_both_successes_goes_on_without_the_papers(tmp_path):
 
 
 def test_one_begun_just_before_the_lock_was_had_is_kept(tmp_path, monkeypatch):
-    path, acquire = tmp_path / "progress.jsonl", lock.acquire
+    path, lock = tmp_path / "progress.jsonl", folder_io.lock
 
     def late(*arguments):
-        monkeypatch.setattr(lock, "acquire", acquire)
+        monkeypatch.setattr(folder_io, "lock", lock)
         begin(path)
-        return acquire(*arguments)
+        return lock(*arguments)
 
-    monkeypatch.setattr(lock, "acquire", late)
+    monkeypatch.setattr(folder_io, "lock", late)
     with journal.open_(path, IDENTITY).folder:
         assert len(journal.read(path, IDENTITY)[1]) == 1

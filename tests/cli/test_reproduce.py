@@ -10,8 +10,7 @@ import pytest
 from lanewise.cli import main
 from lanewise.experiments import drives, schedule
 from lanewise.report import provenance
-from lanewise.runs import lock
-from lanewise.system import version
+from lanewise.system import folder_io, version
 
 TINY = [
     *("--episodes", "3", "--highway-env-episodes", "1"),
@@ -68,7 +67,7 @@ def test_it_leaves_a_report(done):
 
 
 def test_a_folder_in_use_is_refused(tmp_path, capsys):
-    with lock.held(tmp_path / "out", "reproducing"):
+    with folder_io.make_locked(tmp_path / "out", "reproducing"):
         assert main(["reproduce", "--out", str(tmp_path / "out"), *TINY]) == 2
     assert "is in use: another process is reproducing in it" in capsys.readouterr().err
 

@@ -19,9 +19,10 @@ from lanewise.evaluation import sweep as drives
 from lanewise.evaluation.grid import CAUSES, Outcome, Reach
 from lanewise.report import files
 from lanewise.report import sweep as maps
-from lanewise.runs import lender, lock
-from lanewise.runs.files import OpenFolder
+from lanewise.runs import run_folder
 from lanewise.settings import Settings
+from lanewise.system import folder_io
+from lanewise.system.folder_io import OpenFolder
 from lanewise.training import recipe
 
 FLAGS = small_runs.flags(chunks=1) | {
@@ -201,7 +202,7 @@ def test_sweep_refuses_before_it_works(run, tmp_path, capsys):
         assert main(sweep_words(run, tmp_path / "map", **changes)) == 2
         assert hint in capsys.readouterr().err
     assert not (tmp_path / "map").exists()
-    with lock.held(tmp_path / "busy", "sweeping"):
+    with folder_io.make_locked(tmp_path / "busy", "sweeping"):
         assert main(sweep_words(run, tmp_path / "busy")) == 2
     assert "busy is in use: another process is sweeping in it" in capsys.readouterr().err
     assert list((tmp_path / "busy").iterdir()) == []
@@ -268,4 +269,4 @@ def test_the_last_line_names_a_folder_that_no_text_can(tmp_path, monkeypatch, ca
 
 
 def test_the_name_of_step_1_is_known_without_its_recipe():
-    assert recipe.STEP_1.name == lender.STEP_1
+    assert recipe.STEP_1.name == run_folder.STEP_1

@@ -8,7 +8,7 @@ import pytest
 from lanewise import config, crosschecks
 from lanewise.errors import SettingsError
 from lanewise.ranges import Between
-from lanewise.runs.folder import CONTROLLERS, RunFolder
+from lanewise.runs.run_folder import CONTROLLERS, RunFolder
 from lanewise.settings import PRESETS, STAGES, TRAPS, Settings
 from lanewise.system import process
 from lanewise.training import recipe

@@ -7,8 +7,8 @@ import pytest
 
 from lanewise.cli import main
 from lanewise.errors import RunError
-from lanewise.experiments import experiment, folder, reporting, schedule, work
-from lanewise.runs.files import OpenFolder
+from lanewise.experiments import experiment, experiment_folder, jobs, reporting, schedule
+from lanewise.system.folder_io import OpenFolder
 
 QUICK = experiment.load("quick")
 
@@ -48,12 +48,7 @@ def make(out, *names):
         (("runs/notes.txt", "report.md"), "is not empty and holds no run"),
         (("runs/hierarchical/",), "is not empty and holds no run"),
         (("runs", "report.md"), "is not empty and holds no run"),
-        (("runs/mine/seed-0/",), "runs/mine is not of this experiment; choose another"),
-        (("runs/hierarchical/seed-0/", "runs/a.txt"), "runs/a.txt is not of this experiment"),
-        (("runs/hierarchical/seed-0/", "runs/single-level"), "runs/single-level is not of"),
-        (("runs/hierarchical/seed-0/", "runs/hierarchical/best/"), "hierarchical/best is not of"),
-        (("runs/hierarchical/seed-0",), "hierarchical/seed-0 is not of"),
-        (("runs/hierarchical/seed-0/", "report.md"), "report.md is not of this experiment"),
+        (("runs/hierarchical/seed-0/", "report.md"), "is not empty and holds no run"),
     ],
 )
 def test_a_folder_of_something_else_is_refused_and_untouched(
@@ -75,10 +70,12 @@ def test_a_folder_says_whose_it_is_and_is_continued(tmp_path, stopped):
         make(tmp_path, *([name] if name.endswith("/") else []))
         assert main(command(out)) == 130
         written = everything(out)
-        assert sorted(path.name for path in written) == [folder.NAME]
+        assert sorted(path.name for path in written) == [experiment_folder.NAME]
         assert main(command(out, "--seeds", "2", "--only", "single-level")) == 130
         assert everything(out) == written
-    assert (tmp_path / "new" / folder.NAME).read_bytes() == (out / folder.NAME).read_bytes()
+    assert (tmp_path / "new" / experiment_folder.NAME).read_bytes() == (
+        out / experiment_folder.NAME
+    ).read_bytes()
 
 
 def test_a_folder_of_another_experiment_is_refused(tmp_path, stopped, capsys):
@@ -90,20 +87,9 @@ def test_a_folder_of_another_experiment_is_refused(tmp_path, stopped, capsys):
     assert everything(tmp_path) == before
 
 
-def test_a_folder_from_before_is_continued(tmp_path, stopped):
-    """Folders that do not say whose they are hold this experiment's runs and nothing else."""
-    make(tmp_path, "runs/hierarchical/seed-0/", "runs/single-level/seed-12/", "notes.txt")
-    make(tmp_path, "report.md", "report.json")
-    folder.check(tmp_path, QUICK)
-    (tmp_path / "report.md").unlink()
-    assert main(command(tmp_path)) == 130
-    assert (tmp_path / folder.NAME).exists()
-    assert (tmp_path / "notes.txt").read_text() == "precious"
-
-
 def test_what_began_just_before_the_lock_was_had_is_respected(tmp_path, stopped, monkeypatch):
     out = tmp_path / "out"
-    monkeypatch.setattr(work, "check", lambda job: make(out, "report.md"))
+    monkeypatch.setattr(jobs, "check", lambda job: make(out, "report.md"))
     assert main(command(out)) == 2
     assert (out / "report.md").read_text() == "precious"
 
@@ -113,7 +99,6 @@ def test_what_began_just_before_the_lock_was_had_is_respected(tmp_path, stopped,
     [
         ("", "does not name an experiment: Expecting value"),
         ("[]", "it has other fields"),
-        ('{"experiment": "quick"}', "it has other fields"),
         (
             '{"format": "lanewise-run", "version": 2, "experiment": "quick"}',
             "has format lanewise-run version 2; this lanewise .* lanewise-experiment version 1",
@@ -122,31 +107,30 @@ def test_what_began_just_before_the_lock_was_had_is_respected(tmp_path, stopped,
             '{"format": "lanewise-experiment", "version": 9, "lanewise": "7.0.0", "name": "quick"}',
             "has format version 9, written by lanewise 7.0.0; this lanewise .* reads 1",
         ),
-        ('{"format": "lanewise-experiment", "experiment": 3}', "it is of something else"),
-        ('{"format": "lanewise-experiment", "experiment": "quick", "a": 1}', "other fields"),
+        ('{"format": "lanewise-experiment", "experiment": 3}', "it has other fields"),
         ('{"format": "lanewise-experiment", "experiment": "\\u001b[2J"}', r'"\\x1b\[2J", not'),
         (" " * 20_000, "too large"),
     ],
 )
 def test_what_a_folder_says_is_read_as_a_strangers(tmp_path, text, said):
-    (tmp_path / folder.NAME).write_text(text)
+    (tmp_path / experiment_folder.NAME).write_text(text)
     with pytest.raises(RunError, match=said) as caught:
-        folder.check(tmp_path, QUICK)
+        experiment_folder.check(tmp_path, QUICK)
     assert len(str(caught.value).splitlines()) <= 2
-    assert (tmp_path / folder.NAME).read_text() == text
+    assert (tmp_path / experiment_folder.NAME).read_text() == text
 
 
 def test_a_name_that_leads_elsewhere_is_not_followed(tmp_path):
-    folder.mark(OpenFolder(tmp_path), QUICK)
+    experiment_folder.mark(OpenFolder(tmp_path), QUICK)
     out = tmp_path / "out"
     out.mkdir()
-    (out / folder.NAME).symlink_to(tmp_path / folder.NAME)
+    (out / experiment_folder.NAME).symlink_to(tmp_path / experiment_folder.NAME)
     with pytest.raises(RunError, match="a link, not a regular file"):
-        folder.check(out, QUICK)
-    (out / folder.NAME).unlink()
-    os.mkfifo(out / folder.NAME)
+        experiment_folder.check(out, QUICK)
+    (out / experiment_folder.NAME).unlink()
+    os.mkfifo(out / experiment_folder.NAME)
     with pytest.raises(RunError, match="a pipe or a device"):
-        folder.check(out, QUICK)
+        experiment_folder.check(out, QUICK)
 
 
 def test_the_last_line_names_a_folder_that_no_text_can(tmp_path, monkeypatch, capsys):

@@ -8,7 +8,7 @@ import pytest
 from lanewise import config
 from lanewise.experiments import experiment, readings
 from lanewise.experiments.readings import Arm
-from lanewise.runs.folder import CONTROLLERS
+from lanewise.runs.run_folder import CONTROLLERS
 from lanewise.training import recipe
 
 QUOTED = re.compile(r"`(\*?[a-z_.]+) = ([^`]*)`")

@@ -2,7 +2,6 @@
 
 import io
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -18,11 +17,13 @@ import numpy as np
 import pytest
 
 from lanewise.errors import RunError
-from lanewise.experiments import experiment, results, schedule, work
-from lanewise.runs import lock, trained
-from lanewise.runs.files import OpenFolder
-from lanewise.runs.folder import RunFolder
-from lanewise.training import recipe
+from lanewise.experiments import experiment, results, schedule
+from lanewise.experiments import jobs as jobs_module
+from lanewise.runs import run_state, trained
+from lanewise.runs.run_folder import RunFolder
+from lanewise.system import folder_io
+from lanewise.system.folder_io import OpenFolder
+from lanewise.system.progress import Progress
 
 # With the stages of cli/test_reproduce.py, whose compiled programs are then at hand.
 TINY = {
@@ -61,7 +62,7 @@ episodes = 2
 @pytest.fixture
 def tiny(tmp_path):
     found = experiment.parse("tiny", TEXT)
-    return found, results.jobs(found, tmp_path, 5, "trap-10", TINY)
+    return found, jobs_module.of_experiment(found, tmp_path, 5, "trap-10", TINY)
 
 
 def test_jobs_are_arms_times_seeds(tiny, tmp_path):
@@ -133,11 +134,11 @@ def test_other_settings_are_refused_before_any_work(tiny):
     found, jobs = tiny
     made = jobs[2]
     RunFolder.create(made.path, made.settings, made.controller, made.seed).close()
-    changed = results.jobs(
+    changed = jobs_module.of_experiment(
         found, jobs[2].path.parents[2], 5, "trap-10", TINY | {"goals.time_limit": 4.0}
     )
     with pytest.raises(RunError, match=r"goals\.time_limit is 3"):
-        work.check(changed[2])
+        jobs_module.check(changed[2])
 
 
 def test_an_interrupted_run_that_took_over_step_1_goes_on_without_it(tiny, tmp_path, monkeypatch):
@@ -145,18 +146,18 @@ def test_an_interrupted_run_that_took_over_step_1_goes_on_without_it(tiny, tmp_p
     _, jobs = tiny
     asked = []
 
-    def interrupted(folder, high_level, reporter):
+    def interrupted(folder, plan, reporter, high_level):
         asked.append(high_level)
-        shapes = trained.blank_networks(folder, recipe.STEP_1)
+        shapes = plan.weights["step-1"]
         weights = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
-        if not trained.has_stage(folder, "step-1"):
-            trained.save_stage(folder, recipe.STEP_1, weights, {"metrics_bytes": 0})
+        if not run_state.has_stage(folder, "step-1"):
+            run_state.save_stage(folder, "step-1", weights, {"metrics_bytes": 0})
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(work, "train", interrupted)
+    monkeypatch.setattr(jobs_module, "train", interrupted)
     for _ in range(2):
         with pytest.raises(KeyboardInterrupt):
-            work.run(jobs[0], work.Progress(stream=io.StringIO()), OpenFolder(tmp_path))
+            jobs_module.run(jobs[0], Progress(stream=io.StringIO()), OpenFolder(tmp_path))
     assert asked == [jobs[0].high_level, None]
 
 
@@ -188,7 +189,7 @@ def test_a_program_compiled_elsewhere_gives_the_same_bits(tiny, tmp_path, monkey
     found, _ = tiny
     written, kept = [], []
     for name in ("first", "second"):
-        jobs = results.jobs(found, tmp_path / name, 5, "trap-10", TINY)
+        jobs = jobs_module.of_experiment(found, tmp_path / name, 5, "trap-10", TINY)
         planned = next(job for job in jobs if job.label == "planned, seed 5")
         (tmp_path / name).mkdir()
         schedule.run([planned], 1, io.StringIO(), OpenFolder(tmp_path / name))
@@ -232,8 +233,8 @@ INTERRUPTED = """
 import signal, sys, time
 from dataclasses import dataclass
 from pathlib import Path
-from lanewise.experiments import schedule, work
-from lanewise.runs.files import OpenFolder
+from lanewise.experiments import jobs as jobs_module, schedule
+from lanewise.system.folder_io import OpenFolder
 
 @dataclass(frozen=True)
 class Job:
@@ -255,7 +256,7 @@ def run(job, reporter, out):
         raise
     return {}
 
-work.run = run
+jobs_module.run = run
 
 if __name__ == "__main__":
     # Whoever started the tests in the background may have told them to ignore Ctrl-C.
@@ -311,10 +312,10 @@ def test_a_reference_driver_tested_otherwise_is_refused(tiny, tmp_path):
     _, jobs = tiny
     (job,) = (each for each in jobs if not each.trains)
     scenario = replace(job.settings.scenario, trap_speed=9.0)
-    work.run(job, work.Progress(stream=io.StringIO()), OpenFolder(tmp_path))
-    work.check(job)
+    jobs_module.run(job, Progress(stream=io.StringIO()), OpenFolder(tmp_path))
+    jobs_module.check(job)
     with pytest.raises(RunError, match=r"other settings: there scenario\.trap_speed is 10\.0"):
-        work.check(replace(job, settings=replace(job.settings, scenario=scenario)))
+        jobs_module.check(replace(job, settings=replace(job.settings, scenario=scenario)))
 
 
 def removed(out):
@@ -336,51 +337,32 @@ def replaced(out):
 def test_a_job_writes_into_no_other_folder(tmp_path, monkeypatch, change, late):
     """Be it changed before the job begins or while it is tested."""
     out, left = tmp_path / "out", []
-    jobs = results.jobs(experiment.parse("tiny", TEXT), out, 5, "trap-10", TINY)
+    jobs = jobs_module.of_experiment(experiment.parse("tiny", TEXT), out, 5, "trap-10", TINY)
     (job,) = (each for each in jobs if not each.trains)
 
     def break_in(*arguments):
         change(out)
         left.extend(sorted(tmp_path.rglob("*")))
 
-    monkeypatch.setattr(work.testing, "test", break_in)
-    with lock.held(out, "reproducing") as held:
+    monkeypatch.setattr(jobs_module.evaluate_trained, "evaluate", break_in)
+    with folder_io.make_locked(out, "reproducing") as held:
         identity = held.identity
         if not late:
             break_in()
             with pytest.raises(RunError, match="out was moved, removed or replaced"):
                 identity.open()
         with pytest.raises(RunError, match="out was moved, removed or replaced"):
-            work.run(job, work.Progress(stream=io.StringIO()), held)
+            jobs_module.run(job, Progress(stream=io.StringIO()), held)
     assert sorted(tmp_path.rglob("*")) == left
 
 
 @pytest.mark.parametrize("change", [removed, moved, replaced])
 def test_a_training_of_an_experiment_begins_in_no_other_folder(tmp_path, change):
     out = tmp_path / "out"
-    jobs = results.jobs(experiment.parse("tiny", TEXT), out, 5, "trap-10", TINY)
-    with lock.held(out, "reproducing") as held:
+    jobs = jobs_module.of_experiment(experiment.parse("tiny", TEXT), out, 5, "trap-10", TINY)
+    with folder_io.make_locked(out, "reproducing") as held:
         change(out)
         left = sorted(tmp_path.rglob("*"))
         with pytest.raises(RunError, match="out was moved, removed or replaced"):
-            work.run(jobs[2], work.Progress(stream=io.StringIO()), held)
+            jobs_module.run(jobs[2], Progress(stream=io.StringIO()), held)
     assert sorted(tmp_path.rglob("*")) == left
-
-
-WITHOUT_HIGHWAY_ENV = """
-import sys
-sys.modules["highway_env"] = None
-from lanewise.errors import LanewiseError
-from lanewise import interop
-try:
-    interop.twin()
-except LanewiseError as error:
-    print(error)
-"""
-
-
-def test_without_highway_env_one_line_says_what_to_install():
-    command = [sys.executable, "-c", WITHOUT_HIGHWAY_ENV]
-    found = subprocess.run(command, capture_output=True, text=True, check=True)
-    said = r'driving in highway-env needs \S+: pip install "\.\[highway\]" in your clone\n'
-    assert re.fullmatch(said, found.stdout)

@@ -7,16 +7,19 @@ import shutil
 import jax
 import numpy as np
 import pytest
-from strangers_files import FLAGS, _episodes
 
 from lanewise import config
 from lanewise.errors import RunError
-from lanewise.experiments import experiment, results, work
-from lanewise.runs import trained
-from lanewise.runs.files import OpenFolder
-from lanewise.runs.folder import RunFolder
+from lanewise.evaluation import metrics
+from lanewise.experiments import experiment, jobs, results, stored_tests
+from lanewise.experiments.stored_tests import TESTS
+from lanewise.runs import run_state
+from lanewise.runs.run_folder import RunFolder
 from lanewise.system import safe_io, version
-from lanewise.training import recipe
+from lanewise.system.folder_io import OpenFolder
+from lanewise.system.progress import Progress
+from lanewise.training.plan import TrainingPlan
+from untrusted_files import FLAGS, made_up_episodes, store_test
 
 TEXT = """
 seeds = 2
@@ -37,44 +40,42 @@ def finish(job, weight):
     """A run folder of a job with made-up weights, and its tests."""
     if job.trains:
         with RunFolder.create(job.path, job.settings, job.controller, job.seed) as folder:
-            blank = {}
-            for stage in recipe.RECIPES[job.controller]:
-                blank |= trained.blank_networks(folder, stage)
-            parameters = jax.tree.map(lambda leaf: np.full(leaf.shape, weight, leaf.dtype), blank)
-            trained.save_controller(folder, parameters)
+            shapes = TrainingPlan.build(job.settings, job.controller).parameters
+            parameters = jax.tree.map(lambda leaf: np.full(leaf.shape, weight, leaf.dtype), shapes)
+            run_state.save_controller(folder, parameters)
     else:
         job.path.mkdir(parents=True)
-        (job.path / work.SETTINGS).write_text(config.dump_toml(job.settings))
+        (job.path / stored_tests.SETTINGS).write_text(config.dump_toml(job.settings))
     for world in job.episodes:
-        run = work._origin(job)
-        work._store(OpenFolder(job.path), job.controller, world, _episodes(job.seed), 1.5, run)
+        store_test(job, made_up_episodes(job.seed), world)
 
 
 @pytest.fixture
-def jobs(tmp_path):
-    found = results.jobs(experiment.parse("x", TEXT), tmp_path, 0, "trap-10", FLAGS)
+def finished(tmp_path):
+    found = jobs.of_experiment(experiment.parse("x", TEXT), tmp_path, 0, "trap-10", FLAGS)
     for number, job in enumerate(found):
         finish(job, float(number))
     return {job.label: job for job in found}
 
 
-def sign(file, **changes):
-    """Alter what a test left, None for what is to go, and sign it anew."""
-    stored = json.loads(file.read_text()) | changes
-    # What is null of itself stays: the commit is, where there is no checkout.
-    stored = {
-        name: value for name, value in stored.items() if name not in changes or value is not None
-    }
-    if "digest" in stored:
-        stored["digest"] = safe_io.digest(stored)
-    file.write_text(json.dumps(stored))
+@pytest.fixture
+def job(finished):
+    return finished["planned, seed 0"]
 
 
-def test_every_run_has_its_own_tests(jobs):
-    for job in jobs.values():
+def test_every_run_has_its_own_tests(finished):
+    for job in finished.values():
         assert job.done
         for world in job.episodes:
-            assert work.read_test(job, world).summary.controller == job.controller
+            test = job.read_test(world)
+            again = metrics.summarise(
+                made_up_episodes(job.seed), controller=job.controller, world=world
+            )
+            assert test.summary == again
+            assert test.seconds == 1.5
+    shutil.rmtree(job.path / TESTS)
+    assert job.read_test("lanewise") is None
+    assert not job.done
 
 
 @pytest.mark.parametrize(
@@ -88,122 +89,120 @@ def test_every_run_has_its_own_tests(jobs):
         ("rule-based, seed 0", "planned, seed 0"),
     ],
 )
-def test_those_of_another_run_are_refused_and_kept(jobs, taken, given):
-    job = jobs[given]
-    shutil.rmtree(job.path / work.TESTS)
-    shutil.copytree(jobs[taken].path / work.TESTS, job.path / work.TESTS)
-    before = {path: path.read_bytes() for path in (job.path / work.TESTS).iterdir()}
+def test_those_of_another_run_are_refused_and_kept(finished, taken, given):
+    job = finished[given]
+    shutil.rmtree(job.path / TESTS)
+    shutil.copytree(finished[taken].path / TESTS, job.path / TESTS)
+    before = {path: path.read_bytes() for path in (job.path / TESTS).iterdir()}
     said = r"lanewise\.json is a test of another run; delete it, and the test is driven again"
     with pytest.raises(RunError, match=said):
         _ = job.done
     with pytest.raises(RunError, match=said):
-        work.read_test(job, "lanewise")
+        job.read_test("lanewise")
     assert {path: path.read_bytes() for path in before} == before
 
 
-def test_those_of_another_world_are_refused(jobs):
-    job = jobs["planned, seed 0"]
-    tests = job.path / work.TESTS
+def test_those_of_another_world_are_refused(job):
     for suffix in (".json", ".csv"):
+        tests = job.path / TESTS
         shutil.copy(tests / f"lanewise{suffix}", tests / f"highway-env{suffix}")
     with pytest.raises(RunError, match=r"highway-env\.json is a test of another run"):
         _ = job.done
 
 
 @pytest.mark.parametrize("label", ["planned, seed 1", "rule-based, seed 1"])
-def test_those_of_other_settings_are_refused(jobs, label, tmp_path):
-    job = jobs[label]
+def test_those_of_other_settings_are_refused(finished, label, tmp_path):
+    job = finished[label]
     settings = config.replace(job.settings, {"evaluation.duration": 5})
     other = dataclasses.replace(job, path=tmp_path / "other", settings=settings)
     finish(other, 1.0)
-    shutil.rmtree(other.path / work.TESTS)
-    shutil.copytree(job.path / work.TESTS, other.path / work.TESTS)
+    shutil.rmtree(other.path / TESTS)
+    shutil.copytree(job.path / TESTS, other.path / TESTS)
     with pytest.raises(RunError, match="is a test of another run"):
         _ = other.done
 
 
-def test_a_test_without_its_weights_is_refused(jobs):
-    job = jobs["planned, seed 0"]
+def test_a_test_without_its_weights_is_refused(job):
     (job.path / "controller.json").unlink()
-    with pytest.raises(RunError, match=r"lanewise\.json cannot be told .*; delete it"):
+    with pytest.raises(RunError, match=r"lanewise\.json cannot be matched .*; delete it"):
         _ = job.done
 
 
-def test_a_test_remembers_code_versions_and_machine(jobs):
-    stored = json.loads((jobs["planned, seed 0"].path / work.TESTS / "lanewise.json").read_text())
+def alter(file, **changes):
+    file.write_text(json.dumps(json.loads(file.read_text()) | changes))
+
+
+@pytest.mark.parametrize(
+    ("file", "damage", "says"),
+    [
+        ("lanewise.json", lambda file: file.write_text("{"), "is damaged; delete it"),
+        ("lanewise.json", lambda file: file.write_text("[]"), "is damaged; delete it"),
+        ("lanewise.json", lambda file: alter(file, seconds=2.5), "is damaged; delete it"),
+        ("lanewise.json", lambda file: file.write_text(" " * 10**6), "too large: larger than"),
+        (
+            "lanewise.json",
+            lambda file: alter(file, version=9, lanewise="7.0.0"),
+            "has format version 9, written by lanewise 7.0.0; this",
+        ),
+        (
+            "lanewise.csv",
+            lambda file: file.write_text(file.read_text().replace(",25.0,", ",24.0,", 1)),
+            "was altered; delete it",
+        ),
+    ],
+)
+def test_damage_is_named(job, file, damage, says):
+    damage(job.path / TESTS / file)
+    with pytest.raises(RunError, match=f"{file}.*{says}") as caught:
+        job.read_test("lanewise")
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_tests_are_neither_written_nor_read_through_a_link(job, tmp_path):
+    """It may lead to those of another run, or to what is no test at all."""
+    elsewhere = shutil.move(job.path / TESTS, tmp_path / "precious")
+    before = {path: path.read_bytes() for path in elsewhere.iterdir()}
+    (job.path / TESTS).symlink_to(elsewhere)
+    for use in (
+        lambda: job.read_test("lanewise"),
+        lambda: job.tested("lanewise"),
+        lambda: store_test(job, made_up_episodes(1)),
+    ):
+        with pytest.raises(RunError, match=r"cannot use .*tests: not a folder; delete it"):
+            use()
+    assert {path: path.read_bytes() for path in elsewhere.iterdir()} == before
+
+
+def test_a_test_and_a_report_know_the_code_that_made_them(finished, job):
+    stored = json.loads((job.path / TESTS / "lanewise.json").read_text())
     assert {name: stored[name] for name in version.SOURCE} == version.source()
+    assert stored["digest"] == safe_io.digest(stored)
     assert "jax" in stored["versions"]
     assert stored["machine"]["cores"]
-
-
-def test_a_report_knows_by_which_code_each_seed_was_trained(jobs):
-    file = jobs["planned, seed 1"].path / "run.json"
-    sign(file, **dict.fromkeys(version.SOURCE))
-    found = results.collect(experiment.parse("x", TEXT), list(jobs.values()))
+    found = results.collect(experiment.parse("x", TEXT), list(finished.values()))
     assert {seed.job.label: seed.trained_by for arm in found for seed in arm.seeds} == {
-        label: {} if label == "planned, seed 1" else version.source() if job.trains else None
-        for label, job in jobs.items()
+        label: version.source() if job.trains else None for label, job in finished.items()
     }
 
 
-def test_a_test_from_before_tests_remembered_their_code_is_read(jobs):
-    job = jobs["planned, seed 0"]
-    names = (*version.SOURCE, "versions", "machine")
-    sign(job.path / work.TESTS / "lanewise.json", **dict.fromkeys(names))
-    assert work.read_test(job, "lanewise").summary.episodes == 40
-
-
-def test_a_test_of_code_that_cannot_be_is_refused(jobs):
-    job = jobs["planned, seed 0"]
-    sign(job.path / work.TESTS / "lanewise.json", training="x")
-    with pytest.raises(RunError, match=r"lanewise\.json is damaged; delete it"):
-        work.read_test(job, "lanewise")
-
-
-def test_one_from_before_both_successes_is_read_and_tells_both(jobs):
-    """Its episodes have always told when the ego was past the trap."""
-    job = jobs["planned, seed 0"]
-    file = job.path / work.TESTS / "lanewise.json"
-    whole = work.read_test(job, "lanewise").summary
-    summary = json.loads(file.read_text())["summary"]
-    del summary["escape_rate"], summary["intervals"]["escape_rate"]
-    sign(file, summary=summary)
-    assert job.done
-    assert work.read_test(job, "lanewise").summary == whole
-    sign(file, summary=summary | {"escape_rate": 0.125})
-    with pytest.raises(RunError, match="do not agree"):
-        work.read_test(job, "lanewise")
-
-
-def test_tests_from_before_are_read_but_for_those_of_another_controller(jobs):
-    for job in jobs.values():
-        for file in (job.path / work.TESTS).glob("*.json"):
-            sign(file, run=None)
-    assert all(job.done for job in jobs.values())
-    flat, ours = jobs["single-level, seed 0"], jobs["planned, seed 0"]
-    for name in ("lanewise.json", "lanewise.csv"):
-        shutil.copy(ours.path / work.TESTS / name, flat.path / work.TESTS / name)
-    with pytest.raises(RunError, match="is a test of another run"):
-        _ = flat.done
-    with pytest.raises(RunError, match="is a test of another run"):
-        work.read_test(flat, "lanewise")
-
-
-@pytest.mark.parametrize("summary", [{"episodes": 40}, {"episodes": 40, "controller": "planned"}])
-def test_a_summary_that_names_no_run_is_refused(jobs, summary):
-    job = jobs["planned, seed 0"]
-    sign(job.path / work.TESTS / "lanewise.json", summary=summary)
-    with pytest.raises(RunError, match=r"lanewise\.json is damaged; delete it"):
-        _ = job.done
-
-
-def test_settings_of_a_reference_driver_stay_as_they_were_written(jobs, tmp_path):
+def test_settings_of_a_reference_driver_stay_as_they_were_written(finished, tmp_path):
     """A later version writes the same ones in other bytes; the tests would no longer fit."""
-    job = jobs["rule-based, seed 0"]
-    file = job.path / work.SETTINGS
+    job = finished["rule-based, seed 0"]
     before = dataclasses.replace(job, episodes={"highway-env": 40})
+    file = job.path / stored_tests.SETTINGS
     file.write_text("# from before\n" + file.read_text())
-    sign(job.path / work.TESTS / "highway-env.json", run=work._origin(job))
-    work.run(before, work.Progress(), OpenFolder(tmp_path))
+    store_test(job, made_up_episodes(0), "highway-env")
+    jobs.run(before, Progress(), OpenFolder(tmp_path))
     assert file.read_text().startswith("# from before")
     assert before.done
+
+
+@pytest.mark.parametrize("leads", [True, False], ids=["somewhere", "nowhere"])
+def test_settings_of_a_reference_driver_are_no_link(finished, tmp_path, leads):
+    job = finished["rule-based, seed 0"]
+    file = job.path / stored_tests.SETTINGS
+    jobs.check(job)
+    file.rename(tmp_path / "elsewhere.toml")
+    file.symlink_to(tmp_path / ("elsewhere.toml" if leads else "nothing"))
+    with pytest.raises(RunError, match=r"cannot read .*settings.toml: a link"):
+        jobs.check(job)

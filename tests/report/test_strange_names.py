@@ -11,10 +11,11 @@ from markdown_it import MarkdownIt
 
 from lanewise import config
 from lanewise.errors import LanewiseError, SettingsError, brief, printable
-from lanewise.experiments import experiment, reporting, results, work
+from lanewise.experiments import experiment, jobs, reporting, results, stored_tests
 from lanewise.report import training_curves
 from lanewise.report.escape import cell, code, line
-from lanewise.runs.files import OpenFolder
+from lanewise.system.folder_io import OpenFolder
+from untrusted_files import store_test
 
 STRANGE = (
     "<script>alert(1)</script>",
@@ -97,18 +98,11 @@ def made(tmp_path, monkeypatch):
         head = f"[arms.{'single-level' if number == 0 else f'arm-{number}'}]"
         parts.append(f'{head}\ntitle = {quoted(title)}\ncontroller = "rule-based"')
     found = experiment.parse("strange", "\n".join(parts))
-    jobs = results.jobs(found, tmp_path, 0, "trap-10", {})
-    for job in jobs:
+    every = jobs.of_experiment(found, tmp_path, 0, "trap-10", {})
+    for job in every:
         job.path.mkdir(parents=True)
-        (job.path / work.SETTINGS).write_text(config.dump_toml(job.settings))
-        work._store(
-            OpenFolder(job.path),
-            job.controller,
-            "lanewise",
-            make_episodes(),
-            1.0,
-            work._origin(job),
-        )
+        (job.path / stored_tests.SETTINGS).write_text(config.dump_toml(job.settings))
+        store_test(job, make_episodes())
     monkeypatch.setattr(reporting.clip, "render", lambda recording, path: None)
     monkeypatch.setattr(reporting.drives, "write", lambda out, results: None)
     monkeypatch.setattr(results.SeedResult, "record", lambda self, episode=0: None)
@@ -116,7 +110,7 @@ def made(tmp_path, monkeypatch):
         reporting.figures, "write", lambda out, arms: [reporting.figures.Drawn("x", STRANGE[7])]
     )
     command = "lanewise reproduce --out '" + "".join(STRANGE) + "\udce4'"
-    collected = results.collect(found, jobs)
+    collected = results.collect(found, every)
     path, text = reporting.write(
         OpenFolder(tmp_path), found, collected, command, {"everything": 1.0}
     )

@@ -1,12 +1,39 @@
+"""Metrics on disk, as tables and as TensorBoard's events: the same after any kill."""
+
+import csv
 import json
 import math
+import os
+import struct
 
 import numpy as np
 import pytest
 
-from lanewise.errors import RunError
-from lanewise.runs import files
-from lanewise.runs.metrics import MetricsWriter, keep_copy, read, settled_at, settled_episode
+from lanewise.errors import LanewiseError, RunError
+from lanewise.runs import metric_sinks, metrics_file
+from lanewise.runs.metric_sinks import MetricSinks
+from lanewise.runs.metrics_file import MetricsWriter, keep_copy, read, settled_at, settled_episode
+from lanewise.system import folder_io
+from lanewise.system.folder_io import OpenFolder
+
+EPISODE = {
+    "kind": "episode",
+    "stage": "step-1",
+    "episode": 0,
+    "decision": 9,
+    "escaped": True,
+    "success": True,
+    "accident": "none",
+    "decisions": 9,
+    "reward": 1.5,
+    "timestep_reward": 1.0,
+    "speed": 10.0,
+}
+
+
+def chunk(number, **more):
+    plain = {"stage": "step-1", "chunk": number, "decisions": 100 * number, "loss": None}
+    return {"kind": "chunk", **plain, "reward": 0.5 * number, **more}
 
 
 def write(path, numbers, resume_at=0):
@@ -32,6 +59,8 @@ def test_a_fresh_start_empties_the_file_and_timings_are_kept(tmp_path):
     write(path, range(3))
     write(path, range(2))
     assert len(read(path)) == 2
+    with path.open("ab") as file:
+        file.write(b'{"sec')
     write(path, range(2), resume_at=None)
     assert len(read(path)) == 4
 
@@ -60,7 +89,7 @@ def test_a_full_disk_leaves_the_metrics_and_no_half_of_a_copy(tmp_path, monkeypa
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(files.os, "write", full)
+    monkeypatch.setattr(folder_io.os, "write", full)
     with pytest.raises(OSError, match="No space left"):
         keep_copy(path, 0)
     assert [file.read_text() for file in tmp_path.iterdir()] == ["one"]
@@ -74,6 +103,23 @@ def test_a_file_that_lost_lines_is_refused(tmp_path):
         MetricsWriter(path, length)
 
 
+@pytest.mark.parametrize("resume_at", [0, None])
+def test_a_second_name_of_the_metrics_is_not_cut_short(tmp_path, resume_at):
+    """Backups keep old states of a run as hard links."""
+    kept = tmp_path / "backup.jsonl"
+    kept.write_text('{"kind": "chunk"}\nhalf a li')
+    os.link(kept, tmp_path / "metrics.jsonl")
+    with pytest.raises(RunError, match=r"metrics.jsonl: another name .* resume the copy"):
+        MetricsWriter(tmp_path / "metrics.jsonl", resume_at)
+    assert kept.read_text().endswith("half a li")
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "metrics.jsonl")
+    with pytest.raises(RunError, match="a pipe or a device"):
+        MetricsWriter(tmp_path / "metrics.jsonl")
+
+
 def test_values_are_plain_json(tmp_path):
     path = tmp_path / "metrics.jsonl"
     with MetricsWriter(path) as metrics:
@@ -82,13 +128,55 @@ def test_values_are_plain_json(tmp_path):
     assert read(path) == [{"a": None, "b": 0.5, "c": 3, "d": "x", "e": None}, {"a": None}]
 
 
-def test_reading_leaves_out_a_line_cut_short(tmp_path):
+@pytest.mark.parametrize(
+    ("text", "end", "says"),
+    [
+        ('{"a": 1\n{"a": 2}\n', None, "not valid JSON"),
+        ("[1]\n", None, "it is no object"),
+        ('{"a": [1.5]}\n', None, "a is no plain value"),
+        ("x" * 30_000 + "\n", None, "a line is longer than any record"),
+        ("{}", 2, "no line ends at byte 2"),
+        ("{}\n", 4, "truncated: 3 of 4 bytes"),
+    ],
+)
+def test_lines_that_are_no_records(tmp_path, text, end, says):
     path = tmp_path / "metrics.jsonl"
-    path.write_bytes(b'{"a": 1}\n{"a": 2')
-    assert read(path) == [{"a": 1}]
-    path.write_bytes(b'{"a": 1\n{"a": 2}\n')
-    with pytest.raises(RunError, match="not valid JSON"):
-        read(path)
+    path.write_text(text)
+    with pytest.raises(RunError, match=says):
+        read(path, end)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"kind": "epoch"}, "line 1 has a kind other than episode, chunk, weights"),
+        ({"luck": 3}, 'line 1 has a field "luck", which does not belong there'),
+        ({"stage": 3}, "line 1 has a stage of the wrong type"),
+        ({"reward": "high"}, "line 1 has a reward of the wrong type"),
+        ({"speed": ...}, "line 1 lacks speed"),
+    ],
+)
+def test_a_record_is_one_before_anything_is_made_of_it(tmp_path, change, says):
+    path = tmp_path / "metrics.jsonl"
+    path.write_text(json.dumps(EPISODE) + "\n")
+    assert metrics_file.read_records(path) == [EPISODE]
+    altered = {name: value for name, value in (EPISODE | change).items() if value is not ...}
+    path.write_text(json.dumps(altered) + "\n")
+    with pytest.raises(RunError, match=f"metrics.jsonl is damaged: .*{says}"):
+        metrics_file.read_records(path)
+
+
+def test_records_are_read_up_to_a_mark_as_they_were_written(tmp_path):
+    path = tmp_path / "metrics.jsonl"
+    with MetricsWriter(path) as metrics:
+        metrics.append(EPISODE)
+        mark = metrics.mark()
+        metrics.append(EPISODE)
+    assert metrics_file.read_marked(path, mark) == [EPISODE]
+    assert metrics_file.read_marked(tmp_path / "none", {"metrics_bytes": 0}) == []
+    path.write_bytes(path.read_bytes().replace(b"1.5", b"1.6", 1))
+    with pytest.raises(RunError, match="was altered after it was written"):
+        metrics_file.read_marked(path, mark)
 
 
 @pytest.mark.parametrize(
@@ -105,31 +193,72 @@ def test_reading_leaves_out_a_line_cut_short(tmp_path):
 )
 def test_where_epsilon_has_settled(epsilon, first):
     assert settled_at(epsilon) == first
+    chunks = [{"epsilon": each, "episodes": 10 * number} for number, each in enumerate(epsilon)]
+    assert settled_episode(chunks) == (None if first is None else 10.0 * first)
 
 
-def test_the_episode_where_epsilon_settled():
-    chunks = [
-        {"epsilon": epsilon, "episodes": 10 * number}
-        for number, epsilon in enumerate((0.5, 0.3, 0.02, 0.02))
+def stored(folder, records):
+    with MetricsWriter(folder / "metrics.jsonl") as writer:
+        for record in records:
+            writer.append(record)
+        writer.sync()
+
+
+def rows(path):
+    return list(csv.DictReader(path.open()))
+
+
+def scalars(folder):
+    """(tag, step, value) of every scalar, read from the file's frames by hand."""
+    from tensorboardX.proto.event_pb2 import Event
+
+    found = []
+    for path in folder.glob("events.*"):
+        content, place = path.read_bytes(), 0
+        while place < len(content):
+            (length,) = struct.unpack_from("<Q", content, place)
+            event = Event.FromString(content[place + 12 : place + 12 + length])
+            place += 12 + length + 4
+            found += [(v.tag, event.step, v.simple_value) for v in event.summary.value]
+    return found
+
+
+def test_tables(tmp_path):
+    kept = tmp_path / "backup.csv"
+    kept.write_text("precious")
+    os.link(kept, tmp_path / "chunks.csv")
+    stored(tmp_path, [EPISODE, chunk(1)])
+    with MetricSinks(OpenFolder(tmp_path), tensorboard=False) as sinks:
+        sinks.append(chunk(2, validation_reward=3.5))
+        sinks.append(EPISODE | {"stage": "step-2"})
+    assert [row["stage"] for row in rows(tmp_path / "episodes.csv")] == ["step-1", "step-2"]
+    one, two = rows(tmp_path / "chunks.csv")
+    assert (one["reward"], one["loss"], one["validation_reward"]) == ("0.5", "", "")
+    assert (two["chunk"], two["validation_reward"]) == ("2", "3.5")
+    assert not (tmp_path / "tensorboard").exists()
+    # Another name of an older table keeps what it has.
+    assert kept.read_text() == "precious"
+
+
+def test_events_after_a_kill_hold_nothing_that_was_undone(tmp_path):
+    stored(tmp_path, [chunk(1)])
+    with MetricSinks(OpenFolder(tmp_path), tensorboard=True) as sinks:
+        sinks.append(chunk(2))
+    assert {step for _, step, _ in scalars(tmp_path / "tensorboard")} == {100, 200}
+    # The metrics file was cut to its first line; the run goes on with its events unasked.
+    with MetricSinks(OpenFolder(tmp_path), tensorboard=False) as sinks:
+        sinks.append(chunk(2, reward=9.0))
+    found = scalars(tmp_path / "tensorboard")
+    assert sorted(s for s in found if s[0] == "step-1/reward_one_a_decision") == [
+        ("step-1/reward_one_a_decision", 100, 0.5),
+        ("step-1/reward_one_a_decision", 200, 9.0),
     ]
-    assert settled_episode(chunks) == 20.0
-    assert settled_episode(chunks[:2]) is None
+    assert not any(tag.endswith(("loss", "chunk")) for tag, *_ in found)
 
 
-def test_a_line_cut_short_is_not_appended_to(tmp_path):
-    path = tmp_path / "timings.jsonl"
-    path.write_text('{"seconds": 1.0}\n{"sec')
-    with MetricsWriter(path, None) as writer:
-        writer.append({"seconds": 2.0})
-    assert read(path) == [{"seconds": 1.0}, {"seconds": 2.0}]
-
-
-@pytest.mark.parametrize("number", [10**400, -(10**400), 1e300], ids=["above", "below", "a float"])
-def test_a_number_that_no_float_could_hold_is_refused(tmp_path, number):
-    """Whoever alters and signs a run anew may write it; sums and means would fail on it."""
-    path = tmp_path / "timings.jsonl"
-    path.write_text(json.dumps({"seconds": 2**53}) + "\n")
-    assert read(path) == [{"seconds": 2**53}]
-    path.write_text(json.dumps({"seconds": number}) + "\n")
-    with pytest.raises(RunError, match=r"line 1 .*seconds is no plain value"):
-        read(path)
+def test_without_tensorboardx(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "tensorboardX", None)
+    stored(tmp_path, [])
+    with pytest.raises(LanewiseError, match=r"pip install \"\.\[tensorboard\]\" in your clone"):
+        MetricSinks(OpenFolder(tmp_path), tensorboard=True)
+    assert metric_sinks.TABLES.keys() <= metrics_file.COLUMNS.keys()

@@ -6,18 +6,20 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import pytest
-from test_train import FLAGS
+import small_runs
 
 import lanewise
 from lanewise import api, config
 from lanewise.cli import main
 from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import LanewiseError, RunError, SettingsError
-from lanewise.runs import metrics
-from lanewise.runs.folder import RunFolder
+from lanewise.runs import metrics_file
+from lanewise.runs.run_folder import RunFolder
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
 from lanewise.system import process
+
+FLAGS = small_runs.flags(chunks=5)
 
 
 def hurry(settings, world, steering, accident):
@@ -118,7 +120,7 @@ def run(tmp_path_factory):
 
 @pytest.mark.slow
 def test_it_is_trained_and_tested_with_them(run):
-    episodes = [r for r in metrics.read(run / "metrics.jsonl") if r["kind"] == "episode"]
+    episodes = [r for r in metrics_file.read(run / "metrics.jsonl") if r["kind"] == "episode"]
     for episode in episodes:
         paid = 0.25 * episode["decisions"] - (2.25 if episode["accident"] != "none" else 0.0)
         assert episode["reward"] == pytest.approx(paid)
@@ -228,11 +230,11 @@ def test_what_cannot_be_compiled_with_is_refused_when_parts_are_made(function, s
 
 @pytest.mark.parametrize("quiet", [False, True])
 def test_progress_is_told_unless_quiet_is_asked(tmp_path, monkeypatch, capsys, quiet):
-    def trained(folder, lender, reporter, **given):
+    def trained(folder, plan, reporter, **given):
         reporter.stage("step 1", 10)
         reporter.note("a warning")
 
-    monkeypatch.setattr(api.training, "train", trained)
+    monkeypatch.setattr(api.training_loop, "train", trained)
     lanewise.train(tmp_path / "run", quiet=quiet)
     told = capsys.readouterr().err
     assert "a warning" in told

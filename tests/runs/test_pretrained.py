@@ -1,4 +1,4 @@
-"""Controllers that come with the package: they are there, and drive as their provenance says."""
+"""Controllers called by name: they are there, and drive as their provenance says."""
 
 import json
 from pathlib import Path
@@ -6,20 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lanewise.errors import RunError
 from lanewise.evaluation import drive
-from lanewise.runs import shelf, trained
+from lanewise.runs import pretrained, trained
 from lanewise.training import recipe, selection
 
 NAMES = ("hierarchical", "single-level")
 
 
 def provenance(name):
-    return json.loads((shelf.PRETRAINED / name / "provenance.json").read_text())
+    return json.loads((pretrained.PRETRAINED / name / "provenance.json").read_text())
 
 
 def test_both_are_there_and_small():
-    assert shelf.pretrained() == NAMES
-    files = [path for path in shelf.PRETRAINED.rglob("*") if path.is_file()]
+    assert pretrained.names() == NAMES
+    files = [path for path in pretrained.PRETRAINED.rglob("*") if path.is_file()]
     assert sum(path.stat().st_size for path in files) < 5e6
 
 
@@ -39,13 +40,34 @@ def test_they_drive_as_they_did_when_they_were_made(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_they_were_chosen_on_validation_starts(name):
-    def merit(figures):
+    def score(figures):
         names = ("success_rate", "accident_rate", "reward")
         return selection.weighed(*(figures[f"validation_{name}"] for name in names))
 
     story = provenance(name)
     candidates = story["candidates"]
     assert len(candidates) == 5
-    best = max(candidates, key=lambda seed: merit(candidates[seed]))
+    best = max(candidates, key=lambda seed: score(candidates[seed]))
     assert best == f"seed-{story['seed']}"
     assert candidates[best] == list(story["validation"].values())[-1]
+
+
+def test_references_are_called_by_name():
+    assert pretrained.controller_name(Path("reference/search")) == "search"
+    loaded = trained.load(Path("reference/rule-based"))
+    assert (loaded.name, loaded.parameters) == ("rule-based", {})
+
+
+@pytest.mark.parametrize(
+    ("path", "hint"),
+    [
+        ("reference/rulebased", "did you mean rule-based?"),
+        ("pretrained/nobody", "there is no pretrained controller"),
+        ("elsewhere/search", "no run in"),
+        ("reference/../search", "no run in"),
+    ],
+)
+def test_unknown_names(path, hint):
+    with pytest.raises(RunError) as caught:
+        trained.load(Path(path))
+    assert hint in str(caught.value)

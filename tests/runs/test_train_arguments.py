@@ -9,7 +9,7 @@ import lanewise
 from lanewise import Parts, api, config
 from lanewise.cli import main
 from lanewise.errors import LanewiseError, RunError, SettingsError
-from lanewise.runs.folder import RunFolder
+from lanewise.runs.run_folder import RunFolder
 
 
 @pytest.fixture
@@ -29,7 +29,9 @@ def trained(monkeypatch):
     """The settings and seeds of the runs that would have been trained."""
     found = []
     monkeypatch.setattr(
-        api.training, "train", lambda folder, *_, **__: found.append((folder.settings, folder.seed))
+        api.training_loop,
+        "train",
+        lambda folder, *_, **__: found.append((folder.settings, folder.seed)),
     )
     return found
 
@@ -126,7 +128,7 @@ def test_an_interruption_says_how_to_go_on(tmp_path, monkeypatch, capsys, name, 
     def stopped(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(api.training, "train", stopped)
+    monkeypatch.setattr(api.training_loop, "train", stopped)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(KeyboardInterrupt) as caught:
         lanewise.train(name, **given)
@@ -135,7 +137,7 @@ def test_an_interruption_says_how_to_go_on(tmp_path, monkeypatch, capsys, name, 
     said = capsys.readouterr().err
     assert said == f"training stopped; continue with: {call}\n"
     # It does go on, and a run of another's parts is not the one that stopped.
-    monkeypatch.setattr(api.training, "train", lambda *_, **__: None)
+    monkeypatch.setattr(api.training_loop, "train", lambda *_, **__: None)
     eval(call.replace("...", "given['parts']"), {"lanewise": lanewise, "given": given})
 
 
@@ -145,8 +147,8 @@ def test_a_step_1_that_was_not_taken_over_yet_is_given_again(tmp_path, run, monk
             folder.stages.mkdir()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(api, "check_lender", lambda *_: None)
-    monkeypatch.setattr(api.training, "train", stopped)
+    monkeypatch.setattr(api, "open_high_level", lambda *_: None)
+    monkeypatch.setattr(api.training_loop, "train", stopped)
     for taken_over in (False, True):
         out = tmp_path / str(taken_over)
         with pytest.raises(KeyboardInterrupt) as caught:

@@ -14,8 +14,8 @@ from lanewise.commands.evaluate import WORLDS
 from lanewise.errors import RunError, shell_line
 from lanewise.experiments.published import belongs_to_test
 from lanewise.ranges import EPISODES, SEEDS, OneOf, show
-from lanewise.runs import shelf
-from lanewise.runs.folder import RunFolder
+from lanewise.runs import pretrained
+from lanewise.runs.run_folder import RunFolder
 from lanewise.settings import Settings
 from lanewise.system.progress import Progress
 
@@ -54,7 +54,7 @@ class Compare:
 def run(parsed: Parsed[Compare]) -> int:
     """Compares; returns the exit code."""
     command = parsed.command
-    folders = [RunFolder.open(shelf.locate(path)) for path in command.runs]
+    folders = [RunFolder.open(pretrained.locate(path)) for path in command.runs]
     settings = _settings(folders, command.scenario_of)
     from lanewise.report import files
 
@@ -92,14 +92,16 @@ def run(parsed: Parsed[Compare]) -> int:
 
 def _drive(controllers: "Sequence[Trained]", command: Compare) -> "list[Episodes]":
     """The test episodes of each."""
-    from lanewise.experiments import testing
+    from lanewise.experiments import evaluate_trained
 
     episodes = []
     with Progress() as reporter:
         for number, (controller, path) in enumerate(zip(controllers, command.runs, strict=True), 1):
             reporter.note(f"testing {path} ({number} of {len(controllers)})")
             episodes.append(
-                testing.test(controller, command.world, command.episodes, command.seed, reporter)
+                evaluate_trained.evaluate(
+                    controller, command.world, command.episodes, command.seed, reporter
+                )
             )
     return episodes
 
@@ -112,7 +114,7 @@ def _settings(folders: Sequence[RunFolder], scenario_of: Path | None) -> list[Se
     """
     settings = [folder.settings for folder in folders]
     if scenario_of is not None:
-        scenario = _section(RunFolder.open(shelf.locate(scenario_of)).settings, "scenario.")
+        scenario = _section(RunFolder.open(pretrained.locate(scenario_of)).settings, "scenario.")
         settings = [config.replace(each, scenario) for each in settings]
     for folder, own in zip(folders[1:], settings[1:], strict=True):
         for name, (first, other) in config.differences([settings[0], own]).items():

@@ -10,7 +10,7 @@ from lanewise.commands.arguments import Parsed
 from lanewise.controllers.settings import RENEWALS
 from lanewise.errors import RunError
 from lanewise.ranges import EPISODES, SEEDS, OneOf
-from lanewise.runs import shelf
+from lanewise.runs import pretrained
 from lanewise.system.progress import Progress
 
 WORLDS = ("lanewise", "highway-env")
@@ -40,7 +40,7 @@ class Evaluate:
 def run(parsed: Parsed[Evaluate]) -> int:
     """Tests; returns the exit code."""
     command = parsed.command
-    name = shelf.controller(command.run)
+    name = pretrained.controller_name(command.run)
     if command.renewal is not None and name not in WITH_GOALS:
         raise RunError(f"--renewal: {command.run} is {name} and has no goals")
     from lanewise.report import files
@@ -48,13 +48,13 @@ def run(parsed: Parsed[Evaluate]) -> int:
     if command.episodes_out is not None:
         files.check_writable(command.episodes_out)
     from lanewise.evaluation import metrics
-    from lanewise.experiments import published, testing
+    from lanewise.experiments import evaluate_trained, published
     from lanewise.report import table
     from lanewise.runs import trained
 
     controller = trained.load(command.run)
     with Progress() as reporter:
-        episodes = testing.test(
+        episodes = evaluate_trained.evaluate(
             controller, command.world, command.episodes, command.seed, reporter, command.renewal
         )
     summary = metrics.summarise(

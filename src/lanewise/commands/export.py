@@ -12,8 +12,8 @@ from lanewise.controllers.settings import RENEWALS
 from lanewise.errors import RunError
 from lanewise.export import formats
 from lanewise.ranges import SEEDS, Between, OneOf
-from lanewise.runs import shelf
-from lanewise.runs.folder import RunFolder
+from lanewise.runs import pretrained
+from lanewise.runs.run_folder import RunFolder
 from lanewise.system.progress import Progress, tell
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def run(parsed: Parsed[Export]) -> int:
     from lanewise.runs import trained
 
     controller = trained.load(command.run)
-    digest = RunFolder.open(shelf.locate(command.run)).digest
+    digest = RunFolder.open(pretrained.locate(command.run)).digest
     policy = contents.policy(controller, digest, command.renewal)
     formats.save(policy, command.out)
     tell(f"wrote {command.out}")
@@ -73,7 +73,7 @@ def _refuse(command: Export) -> None:
     Raises:
         LanewiseError: the controller or the file is not one to export, or a package is missing.
     """
-    name = shelf.controller(command.run)
+    name = pretrained.controller_name(command.run)
     if name in WITHOUT_POLICY:
         raise RunError(f"{command.run} cannot be exported: {WITHOUT_POLICY[name]}")
     if command.renewal is not None and name not in WITH_GOALS:

@@ -14,10 +14,9 @@ from typing import IO, Any, get_args
 
 from lanewise.errors import RunError
 from lanewise.evaluation.grid import Outcome, Reach
-from lanewise.runs import lock
-from lanewise.runs.files import PARTIAL, OpenFolder, write_atomically
-from lanewise.runs.folder import require_outside
-from lanewise.system import safe_io
+from lanewise.runs.run_folder import require_outside
+from lanewise.system import folder_io, safe_io
+from lanewise.system.folder_io import PARTIAL, OpenFolder, write_atomically
 
 _LARGEST = 1_000_000_000
 _FORMAT, _VERSION = "lanewise-sweep", 1
@@ -67,7 +66,7 @@ def open_(path: Path, identity: dict[str, Any]) -> Journal:
     out = path.parent
     check_place(path)
     out.mkdir(parents=True, exist_ok=True)
-    folder = lock.acquire(out, "sweeping")
+    folder = folder_io.lock(out, "sweeping")
     try:
         # Asked once more: whoever had the lock just before may have begun.
         if not check_place(path):
@@ -98,11 +97,10 @@ def check_place(path: Path) -> bool:
     require_outside(out)
     if os.path.lexists(path):
         return True
-    if out.exists():
-        # A kill while the journal was begun leaves only these.
-        ours = {lock.OLD, path.name + PARTIAL}
-        if not out.is_dir() or set(os.listdir(out)) - ours:
-            raise RunError(f"{out} is not an empty folder and holds no sweep; choose another")
+    # A kill while the journal was begun leaves only this.
+    left = {path.name + PARTIAL}
+    if out.exists() and (not out.is_dir() or set(os.listdir(out)) - left):
+        raise RunError(f"{out} is not an empty folder and holds no sweep; choose another")
     return False
 
 

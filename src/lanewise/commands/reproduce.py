@@ -12,12 +12,11 @@ from lanewise import config, crosschecks, extras
 from lanewise.commands.arguments import Parsed
 from lanewise.errors import LanewiseError, RunError, SettingsError, one_line, shell_line
 from lanewise.experiments import experiment as experiments
-from lanewise.experiments import folder
+from lanewise.experiments import experiment_folder
 from lanewise.experiments.experiment import BUILT_IN, Experiment
 from lanewise.ranges import EPISODES, SEEDS, Between, OneOf
-from lanewise.runs import lock
 from lanewise.settings import TRAPS, Settings
-from lanewise.system import process
+from lanewise.system import folder_io, process
 from lanewise.system.progress import tell
 
 
@@ -71,23 +70,24 @@ def run(parsed: Parsed[Reproduce]) -> int:
     wanted = any(chosen.count(arm, "highway_env_episodes") for arm in chosen.arms)
     if wanted and find_spec("highway_env") is None:
         raise LanewiseError(f"reproduce needs highway-env: {extras.install('report', 'highway')}")
-    folder.check(command.out, whole)
-    from lanewise.experiments import reporting, results, schedule, work
+    experiment_folder.check(command.out, whole)
+    from lanewise.experiments import jobs as job_list
+    from lanewise.experiments import reporting, results, schedule
 
     place = (command.out, command.seed, command.trap, overrides)
-    jobs = results.jobs(chosen, *place)
-    every = results.jobs(whole, *place)
+    jobs = job_list.of_experiment(chosen, *place)
+    every = job_list.of_experiment(whole, *place)
     for job in every:
-        work.check(job)
+        job_list.check(job)
     # Of every job: a test that is damaged, or of another run, is refused before anything is done.
     done = {job.path for job in every if job.done}
     report = command.out / "report.md"
     if report.exists() and all(job.path in done for job in jobs):
         raise RunError(f"{command.out} is complete: see {report}, or choose another folder")
-    with lock.held(command.out, "reproducing") as out:
+    with folder_io.make_locked(command.out, "reproducing") as out:
         # Whoever had the lock just before may have begun something else meanwhile.
-        folder.check(command.out, whole)
-        folder.mark(out, whole)
+        experiment_folder.check(command.out, whole)
+        experiment_folder.mark(out, whole)
         # One that lacks what is to be done now would look like that of a complete folder.
         out.unlink(report.name)
         began = time.monotonic()

@@ -15,11 +15,11 @@ from lanewise.errors import RunError, SettingsError, one_line, shell_line
 from lanewise.evaluation import grid as grids
 from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
 from lanewise.ranges import SEEDS, Between
-from lanewise.runs import shelf
-from lanewise.runs.files import publish
-from lanewise.runs.folder import RunFolder
+from lanewise.runs import pretrained
+from lanewise.runs.run_folder import RunFolder
 from lanewise.scenario.settings import EgoSpeed, FrontDistance, Lanes, SideDistance, TrapSpeed
 from lanewise.settings import Settings
+from lanewise.system.folder_io import publish
 from lanewise.system.progress import Progress
 
 JOURNAL = "progress.jsonl"
@@ -64,17 +64,17 @@ def run(parsed: Parsed[Sweep]) -> int:
     """Tests and draws; returns the exit code."""
     command = parsed.command
     grid = Grid(**{axis.name: getattr(command, axis.name) for axis in fields(Grid)})
-    folder = RunFolder.open(shelf.locate(command.run))
+    folder = RunFolder.open(pretrained.locate(command.run))
     _check(grid, folder.settings)
     extras.check()
     if (command.out / "map.md").exists():
         raise RunError(f"{command.out} is complete: see {command.out / 'map.md'}")
     journals.check_place(command.out / JOURNAL)
-    from lanewise.runs import trained
+    from lanewise.runs import run_state, trained
 
     controller = trained.load(command.run)
     journal = journals.open_(
-        command.out / JOURNAL, _identity(command, folder, trained.fingerprint(folder))
+        command.out / JOURNAL, _identity(command, folder, run_state.weights_digest(folder))
     )
     with journal.folder:
         with journal.file, Progress() as reporter:
@@ -105,10 +105,10 @@ def _work(
 ) -> None:
     """Do what the journal lacks."""
     from lanewise.evaluation import sweep
-    from lanewise.experiments import testing
+    from lanewise.experiments import evaluate_trained
 
     points = grid.points()
-    course = sweep.course(testing.course(controller), grid)
+    course = sweep.course(evaluate_trained.test_course(controller), grid)
     # Traffic is ignored when asking what can be won, so one of each set of traffics suffices.
     apart = points[:: grid.traffics]
     done = len(journal.reached)

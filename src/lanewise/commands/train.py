@@ -7,8 +7,13 @@ from typing import Annotated
 from lanewise.commands.arguments import Parsed
 from lanewise.errors import RunError, shell_line
 from lanewise.ranges import SEEDS, OneOf
-from lanewise.runs import lender
-from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1, RunFolder, stages_of
+from lanewise.runs.run_folder import (
+    CONTROLLERS,
+    WITH_STEP_1,
+    RunFolder,
+    open_high_level,
+    stages_of,
+)
 from lanewise.settings import PRESETS, TRAPS, Settings
 from lanewise.system.progress import Progress, tell
 
@@ -61,16 +66,24 @@ def run(parsed: Parsed[Train]) -> int:
             raise RunError(f"{command.high_level} has no step 1; only {names} runs do")
         if not command.resume:
             # Before the folder is made: a refused run leaves nothing behind.
-            lender.check_lender(command.high_level, command.values)
+            open_high_level(command.high_level, command.values)
     if command.tensorboard:
-        from lanewise.runs import views
+        from lanewise.runs import metric_sinks
 
-        views.needed()
+        metric_sinks.tensorboard_writer()
     with _folder(parsed) as folder:
-        from lanewise.runs.train import train
+        from lanewise.runs import training_loop
+        from lanewise.training.plan import TrainingPlan
 
+        plan = TrainingPlan.build(folder.settings, folder.controller)
         with Progress() as reporter:
-            train(folder, command.high_level, reporter, tensorboard=command.tensorboard)
+            training_loop.train(
+                folder,
+                plan,
+                reporter,
+                high_level=command.high_level,
+                tensorboard=command.tensorboard,
+            )
         test = shell_line("lanewise", "evaluate", folder.path)
         tell(f"finished: {folder.path}; {test} tests it")
     return 0

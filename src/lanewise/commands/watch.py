@@ -9,7 +9,7 @@ from lanewise.commands.arguments import Parsed
 from lanewise.commands.evaluate import WORLDS
 from lanewise.errors import SettingsError
 from lanewise.ranges import SEEDS, Between, OneOf
-from lanewise.runs import shelf
+from lanewise.runs import pretrained
 from lanewise.system.progress import tell
 
 FORMATS = (".gif", ".mp4")
@@ -36,18 +36,18 @@ def run(parsed: Parsed[Watch]) -> int:
     command = parsed.command
     if command.out.suffix.lower() not in FORMATS:
         raise SettingsError(f"--out must end in .gif or .mp4, got {command.out}")
-    shelf.controller(command.run)
+    pretrained.controller_name(command.run)
     from lanewise.report import files
 
     extras.check()
     files.check_writable(command.out)
-    from lanewise.experiments import testing
+    from lanewise.experiments import evaluate_trained
     from lanewise.report import clip
     from lanewise.runs import trained
 
     controller = trained.load(command.run)
     tell("driving")
-    recording = testing.record(controller, command.world, command.seed, command.episode)
+    recording = evaluate_trained.record(controller, command.world, command.seed, command.episode)
     tell("drawing")
     clip.render(recording, command.out)
     tell(f"wrote {command.out}")

@@ -29,7 +29,7 @@ from lanewise import config, crosschecks
 from lanewise.controllers.settings import REFERENCES
 from lanewise.errors import SettingsError, brief
 from lanewise.names import look_up, nearest
-from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1
+from lanewise.runs.run_folder import CONTROLLERS, WITH_STEP_1
 from lanewise.settings import PRESETS, Settings
 from lanewise.system import safe_io
 

@@ -18,7 +18,7 @@ from lanewise.report import (
     two_steps,
 )
 from lanewise.report.arms import ArmFigures
-from lanewise.runs import metrics
+from lanewise.runs import metrics_file
 
 FOLDER = "figures"
 """Below the report."""
@@ -140,7 +140,7 @@ def _training(
     rows, settled = {}, {}
     for result in arms.values():
         rows[title(result)] = [seed.episodes for seed in result.seeds]
-        mark = metrics.settled_episode(result.seeds[0].chunks)
+        mark = metrics_file.settled_episode(result.seeds[0].chunks)
         if mark is not None:
             settled[title(result)] = mark
     return rows, settled

@@ -8,19 +8,19 @@ from tempfile import TemporaryDirectory
 from lanewise import config
 from lanewise.evaluation import metrics
 from lanewise.evaluation.metrics import Paired
-from lanewise.experiments import claims, content, drives, figures, readings, stored
+from lanewise.experiments import claims, drives, figures, readings, report_data, report_json
 from lanewise.experiments.claims import Claim, Driven, Evidence, Seed
-from lanewise.experiments.content import Content
 from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.figures import COMPARED, FOLDER, PROFILE_SECONDS, SCHEDULES
+from lanewise.experiments.report_data import ReportData
 from lanewise.experiments.results import WORLDS, ArmResult, SeedResult
 from lanewise.report import arms as tables
 from lanewise.report import clip, page, provenance, table, weights
 from lanewise.report.curves import write_curves
 from lanewise.report.escape import cell, code
 from lanewise.report.files import write_text
-from lanewise.runs import metrics as run_metrics
-from lanewise.runs.files import OpenFolder, publish
+from lanewise.runs import metrics_file
+from lanewise.system.folder_io import OpenFolder, publish
 
 REFERENCE = "single-level"
 """Arm that the others are held against."""
@@ -75,19 +75,19 @@ def _draw(
     }
     drawn = figures.write(out, results)
     if any(len(result.seeds) > 1 for result in results):
-        drawn.insert(0, figures.of_seeds([content.figures_of(each) for each in results], out))
+        drawn.insert(0, figures.of_seeds([report_data.figures_of(each) for each in results], out))
     clip.render(_shown(results).seeds[0].record(), out / "clip.gif")
     drives.write(out, results)
     lines = [line for result in _in_curves(results) for line in result.seeds[0].whole_training]
     if chunks := [line for line in lines if line["kind"] == "chunk"]:
         for suffix in figures.SUFFIXES:
             write_curves(chunks, out / f"curves{suffix}")
-    told = Content(experiment, command, results, _ledger(results), drawn, made, times)
-    text = _markdown(told)
-    write_text(out / "report.json", stored.text(told))
+    data = ReportData(experiment, command, results, _ledger(results), drawn, made, times)
+    text = _markdown(data)
+    write_text(out / "report.json", report_json.text(data))
     write_text(out / "report.html", page.render(text, experiment.title, out))
     write_text(out / REPORT, text)
-    return _text(told)
+    return _text(data)
 
 
 def _shown(results: Sequence[ArmResult]) -> ArmResult:
@@ -124,7 +124,7 @@ def _ledger(results: Sequence[ArmResult]) -> list[Claim]:
 
 
 def _evidence(seed: SeedResult) -> Evidence:
-    settled = run_metrics.settled_episode(seed.chunks)
+    settled = metrics_file.settled_episode(seed.chunks)
     return Evidence(
         training=seed.episodes,
         settled=len(seed.episodes) if settled is None else int(settled),
@@ -139,36 +139,36 @@ def _driven(seed: SeedResult) -> Driven:
     )
 
 
-def _markdown(content: Content) -> str:
+def _markdown(data: ReportData) -> str:
     parts = [
-        f"# {cell(content.experiment.title)}",
-        f"{code(content.command)}, {content.made['date']}",
-        *_test_part(content),
-        *_training_part(content),
-        *_weights_part(content),
-        *_ledger_part(content),
-        *_figure_part(content),
-        *_reading_part(content),
+        f"# {cell(data.experiment.title)}",
+        f"{code(data.command)}, {data.made['date']}",
+        *_test_part(data),
+        *_training_part(data),
+        *_weights_part(data),
+        *_ledger_part(data),
+        *_figure_part(data),
+        *_reading_part(data),
         "## What the figures mean",
         table.meanings(),
-        *_origin_part(content),
+        *_origin_part(data),
     ]
     return "\n\n".join(part.rstrip() for part in parts if part) + "\n"
 
 
-def _test_part(content: Content) -> list[str]:
+def _test_part(data: ReportData) -> list[str]:
     """The paper's test table, and everything known about the seeds."""
-    rows = content.figures
-    if not content.arm_by_arm:
+    rows = data.figures
+    if not data.arm_by_arm:
         summaries = [s for arm in rows for world in WORLDS for s in arm.tests.get(world, ())]
-        return ["## Test episodes", table.markdown(summaries), _pairs(content.paired)]
+        return ["## Test episodes", table.markdown(summaries), _pairs(data.paired)]
     parts = ["## Test phase", "Means over seeds, the lowest and the highest seed in parentheses."]
     for world in WORLDS:
         if any(arm.tests.get(world) for arm in rows):
             parts += [f"### In {cell(world)}", tables.tests(rows, world)]
-    parts += [_pairs(content.paired)]
-    if content.several_seeds:
-        held = next((r.arm.title for r in content.results if r.arm.name == REFERENCE), None)
+    parts += [_pairs(data.paired)]
+    if data.several_seeds:
+        held = next((r.arm.title for r in data.results if r.arm.name == REFERENCE), None)
         parts += ["### Over seeds", _over_seeds_note(held), tables.over_seeds(rows, held)]
     return [
         *parts,
@@ -191,8 +191,8 @@ def _over_seeds_note(held: str | None) -> str:
     )
 
 
-def _training_part(content: Content) -> list[str]:
-    trained = [arm for arm in content.figures if arm.training]
+def _training_part(data: ReportData) -> list[str]:
+    trained = [arm for arm in data.figures if arm.training]
     if not trained:
         return []
     return [
@@ -204,9 +204,9 @@ def _training_part(content: Content) -> list[str]:
     ]
 
 
-def _weights_part(content: Content) -> list[str]:
+def _weights_part(data: ReportData) -> list[str]:
     """Kept and last weights, and a line about each seed whose kept ones are an accident."""
-    stages = content.kept
+    stages = data.selected
     if not stages:
         return []
     episodes = next(iter(stages.values()))[0][1].line["fresh_episodes"]
@@ -225,11 +225,11 @@ def _weights_part(content: Content) -> list[str]:
     ]
 
 
-def _ledger_part(content: Content) -> list[str]:
-    if not content.ledger:
+def _ledger_part(data: ReportData) -> list[str]:
+    if not data.ledger:
         return []
     lines = ["| the paper says | verdict | seeds | measured |", "|---|---|---:|---|"]
-    for claim in content.ledger:
+    for claim in data.ledger:
         seeds = f"{sum(claim.seeds)} of {len(claim.seeds)}"
         lines.append(
             f"| {cell(claim.text)} | **{claim.verdict}** | {seeds} | {cell(claim.figures)} |"
@@ -238,27 +238,26 @@ def _ledger_part(content: Content) -> list[str]:
         "## What reproduces, what does not, and why",
         "Each claim is computed seed by seed: it holds if every seed says so, fails if none does, "
         "otherwise it depends. Words in quotation marks are the paper's, and so is success here: "
-        "past the trap before the end, whether or not an accident follows. Trainings that did not "
-        "record that are judged by the stricter success of the tables.",
+        "past the trap before the end, whether or not an accident follows.",
         "\n".join(lines),
     ]
 
 
-def _figure_part(content: Content) -> list[str]:
+def _figure_part(data: ReportData) -> list[str]:
     parts = ["## Figures"]
-    for figure in content.drawn:
+    for figure in data.drawn:
         parts.append(f"![{cell(figure.caption)}]({FOLDER}/{figure.name}.png)")
         parts.append(f"*{cell(figure.caption)}*")
-    if any(result.seeds[0].chunks for result in _in_curves(content.results)):
+    if any(result.seeds[0].chunks for result in _in_curves(data.results)):
         parts += [
             "![Success, reward and speed while training](curves.png)",
             "*Every stage of the first seeds over its decisions*",
         ]
-    name = cell(_shown(content.results).arm.title)
+    name = cell(_shown(data.results).arm.title)
     return [*parts, f"![The road from above: {name}](clip.gif)", f"*One test episode: {name}*"]
 
 
-def _reading_part(content: Content) -> list[str]:
+def _reading_part(data: ReportData) -> list[str]:
     """The rows of the reading, with the settings of every arm."""
     arms = [
         readings.Arm(
@@ -267,7 +266,7 @@ def _reading_part(content: Content) -> list[str]:
             config.flatten(result.seeds[0].job.settings),
             takes_over=bool(result.arm.high_level),
         )
-        for result in content.results
+        for result in data.results
     ]
     return [
         "## What the paper leaves open, row by row",
@@ -276,37 +275,37 @@ def _reading_part(content: Content) -> list[str]:
     ]
 
 
-def _origin_part(content: Content) -> list[str]:
-    made = content.made
-    took = content.times.get("everything")
-    settings = config.flatten(_shown(content.results).seeds[0].job.settings)
-    title = cell(_shown(content.results).arm.title)
+def _origin_part(data: ReportData) -> list[str]:
+    made = data.made
+    took = data.times.get("everything")
+    settings = config.flatten(_shown(data.results).seeds[0].job.settings)
+    title = cell(_shown(data.results).arm.title)
     return [
         "## How it was made",
         table.listing({**made["versions"], **made["machine"]}),
-        _code_line(content),
+        _code_line(data),
         "" if took is None else f"The last call of the command took {took:.1f} s.",
         "### What was run",
         "Means over seeds. A training's time includes compilation and whatever shared the machine; "
         "an arm that takes over the step 1 of another has step 2 alone to show.",
-        tables.run(content.figures),
+        tables.run(data.figures),
         "### Settings of the arms",
-        _changes(content),
+        _changes(data),
         f"## Settings: {title}",
         table.listing(settings),
     ]
 
 
-def _code_line(content: Content) -> str:
+def _code_line(data: ReportData) -> str:
     """Which code trained the runs."""
-    seeds = [seed.trained_by for result in content.results for seed in result.seeds]
+    seeds = [seed.trained_by for result in data.results for seed in result.seeds]
     return provenance.trained_by([source for source in seeds if source is not None])
 
 
-def _changes(content: Content) -> str:
+def _changes(data: ReportData) -> str:
     """What each arm changes."""
-    lines = [f"| arm | settings that differ from preset {content.experiment.preset} |", "|---|---|"]
-    for result in content.results:
+    lines = [f"| arm | settings that differ from preset {data.experiment.preset} |", "|---|---|"]
+    for result in data.results:
         changes = ", ".join(code(f"{k} = {v}") for k, v in result.arm.changes.items())
         lines.append(f"| {cell(result.arm.title)} | {changes} |")
     return "\n".join(lines)
@@ -326,10 +325,10 @@ def _pairs(paired: Mapping[str, Mapping[int, Paired]]) -> str:
     return "\n".join(lines)
 
 
-def _text(content: Content) -> str:
+def _text(data: ReportData) -> str:
     """The tables for a terminal."""
-    rows = content.figures
-    if content.arm_by_arm:
+    rows = data.figures
+    if data.arm_by_arm:
         found = "\n".join(
             f"in {world}, means over seeds (their number in parentheses)\n"
             + tables.text([arm for arm in rows if arm.tests.get(world)], world)
@@ -338,6 +337,6 @@ def _text(content: Content) -> str:
         )
     else:
         found = table.text([s for arm in rows for w in WORLDS for s in arm.tests.get(w, ())])
-    lines = [line.removeprefix("- ") for line in _pairs(content.paired).splitlines()]
-    lines += [f"{claim.verdict}: {claim.text}" for claim in content.ledger]
+    lines = [line.removeprefix("- ") for line in _pairs(data.paired).splitlines()]
+    lines += [f"{claim.verdict}: {claim.text}" for claim in data.ledger]
     return found + "\n" + "".join(f"{line}\n" for line in lines)

@@ -2,23 +2,22 @@
 
 import os
 import signal
-import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from multiprocessing import active_children, connection, get_context, parent_process
 from tempfile import TemporaryDirectory
 from threading import Thread
-from typing import NoReturn, TextIO, cast
+from typing import NoReturn, TextIO
 
 from lanewise.errors import RunError
 from lanewise.evaluation.concurrent import ONE_THREAD
-from lanewise.experiments import work
-from lanewise.experiments.work import Job
-from lanewise.runs.files import FolderIdentity, OpenFolder
+from lanewise.experiments import jobs as job_list
+from lanewise.experiments.jobs import Job
 from lanewise.system import process
+from lanewise.system.folder_io import FolderIdentity, OpenFolder
 from lanewise.system.progress import Progress, duration, unfailing
 
 COMPILED = "JAX_COMPILATION_CACHE_DIR"
@@ -92,15 +91,17 @@ def _work(
 ) -> Times:
     """A job, in a process of its own, with a line about it every so many seconds.
 
-    It is what the ``ending`` signals interrupt; a process that waits for one is deaf to them.
+    The ``ending`` signals interrupt it; a process that waits for a job ignores them.
     """
-    stream = cast(TextIO, _Prefixed(sys.stderr, f"[{job.label}] "))
-    with ExitStack() as hearing, Progress(stream=stream, interval=interval) as reporter:
+    with (
+        ExitStack() as handlers,
+        Progress(interval=interval, prefix=f"[{job.label}] ") as reporter,
+        out.open() as folder,
+    ):
         for number in ending:
             before = signal.signal(number, signal.default_int_handler)
-            hearing.callback(signal.signal, number, before)
-        with out.open() as folder:
-            return work.run(job, reporter, folder)
+            handlers.callback(signal.signal, number, before)
+        return job_list.run(job, reporter, folder)
 
 
 def _ending() -> tuple[signal.Signals, ...]:
@@ -127,10 +128,10 @@ def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def _begin() -> None:
-    """In a process of the pool: wait for jobs.
+    """In a process of the pool: ignore signals while it waits for jobs.
 
-    Deaf to signals: one that ended while it waits would break the pool, and end those at work
-    before they have saved.
+    A process that ended while it waits would break the pool, and end those at work before they
+    have saved.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
@@ -141,7 +142,7 @@ def _end_with_parent() -> None:
     """In a process of the pool: end at once when the parent is killed.
 
     Otherwise it would go on for the rest of its job, unseen, and keep the run folder from whoever
-    starts the experiment again. Run folders bear being stopped at any moment.
+    starts the experiment again. A run folder can be continued wherever a kill stopped it.
     """
     parent = parent_process()
     assert parent is not None, "runs in processes of the pool alone"
@@ -159,43 +160,13 @@ def _environment() -> Iterator[None]:
 
     Seeds of one arm run the same programs. The user's own cache of compiled programs is respected.
     """
+    before = dict(os.environ)
     with TemporaryDirectory(prefix="lanewise-compiled-") as compiled:
-        flags = f"{os.environ.get('XLA_FLAGS', '')} {ONE_THREAD}".strip()
-        cache = os.environ.get(COMPILED, compiled)
-        with _changed_environment({"XLA_FLAGS": flags, COMPILED: cache}):
+        os.environ["XLA_FLAGS"] = f"{before.get('XLA_FLAGS', '')} {ONE_THREAD}".strip()
+        os.environ.setdefault(COMPILED, compiled)
+        try:
             yield
-
-
-@contextmanager
-def _changed_environment(changes: Mapping[str, str]) -> Iterator[None]:
-    """Change environment variables for a while."""
-    before = {name: os.environ.get(name) for name in changes}
-    os.environ.update(changes)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-class _Prefixed:
-    """A text stream that writes each line with a prefix; processes share one standard error."""
-
-    def __init__(self, stream: TextIO, prefix: str) -> None:
-        self._stream = stream
-        self._prefix = prefix
-
-    def write(self, text: str) -> int:
-        """Write whole lines at once, so that two processes do not mix theirs."""
-        return self._stream.write("".join(f"{self._prefix}{line}\n" for line in text.splitlines()))
-
-    def flush(self) -> None:
-        """Pass it on."""
-        self._stream.flush()
-
-    def isatty(self) -> bool:
-        """Never: two bars would fight for one terminal."""
-        return False
+        finally:
+            for name in ("XLA_FLAGS", COMPILED):
+                os.environ.pop(name)
+                os.environ.update({name: before[name]} if name in before else {})

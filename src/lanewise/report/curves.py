@@ -12,7 +12,7 @@ from lanewise.errors import LanewiseError
 from lanewise.extras import needed_for
 from lanewise.report import style
 from lanewise.report.style import STYLES
-from lanewise.runs.metrics import settled_at
+from lanewise.runs.metrics_file import settled_at
 
 with needed_for("the learning-curve figure"):
     from matplotlib.axes import Axes

@@ -10,7 +10,7 @@ from pathlib import Path
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.metrics import to_csv
-from lanewise.runs.folder import require_outside
+from lanewise.runs.run_folder import require_outside
 
 
 @contextmanager

@@ -42,7 +42,7 @@ class Sweep:
     training_seed: int
     """Of its run."""
     trained_by: Mapping[str, Any]
-    """The code its run was made with (`version.source`); empty in older runs."""
+    """The code its run was made with (`version.source`)."""
     settings: Mapping[str, Any]
     """Of its run, by dotted name."""
     grid: Grid

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from lanewise.report.escape import cell
 from lanewise.report.table import spread
-from lanewise.runs.kept import Kept
+from lanewise.runs.selected_weights import SelectedWeights
 
 SHOWN = (
     ("escape_rate", "success (paper), %", 100.0, 1),
@@ -19,7 +19,7 @@ HEADS = (
 )
 
 
-def table(stages: Mapping[str, Sequence[Kept]]) -> str:
+def table(stages: Mapping[str, Sequence[SelectedWeights]]) -> str:
     """A row a stage: means over seeds, the lowest and the highest in parentheses.
 
     Args:

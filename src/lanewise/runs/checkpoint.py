@@ -1,13 +1,14 @@
-"""Arrays on disk: NAME.safetensors with the numbers, NAME.json with what they must be.
+"""Arrays on disk: NAME.safetensors with the numbers, NAME.json with what belongs to them.
 
 Used for checkpoints and for trained controllers. Neither format can carry code. A file is loaded
-only when its length, SHA-256 digest, names, types and shapes are what the manifest and the
-caller's template say, and its floats are finite. The digests tell damage, not who wrote a file:
-whoever alters one can make them right again, so nothing is believed for having the right digest.
+only if its digest is the manifest's, its arrays have the names, types and shapes that the run's
+settings demand, and its floats are finite. The digests find damage; they do not tell who wrote a
+file.
 """
 
 import hashlib
 import json
+import math
 import os
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -20,17 +21,19 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as load_safetensors
 from safetensors.numpy import save as save_safetensors
 
-from lanewise.errors import CheckpointError, brief
-from lanewise.runs import templates
-from lanewise.runs.files import PARTIAL, OpenFolder, opened, write_atomically
-from lanewise.runs.templates import Template
+from lanewise.errors import CheckpointError, RunError, brief
+from lanewise.runs import pytree_io
 from lanewise.system import safe_io
+from lanewise.system.folder_io import PARTIAL, OpenFolder, opened, write_atomically
 
 FORMAT = "lanewise-arrays"
 VERSION = 1
 _LARGEST_MANIFEST = 300_000
 _LARGEST_FILE = 16 * 1024**3
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,120}")
+_LARGEST_HEADER = 1_000_000
+"""Bytes of a safetensors file beside its arrays."""
+_FILE = re.compile(rf"stage-[0-9]{{2}}-chunk-[0-9]{{8}}\.(json|safetensors)({re.escape(PARTIAL)})?")
+"""Files of a checkpoint, named as by `checkpoint_name`."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +42,10 @@ class Checkpoint:
 
     name: str
     """Its name."""
-    arrays: dict[str, np.ndarray]
-    """The arrays by name."""
+    tree: Any
+    """The arrays, in the structure of the template; by name where there was none."""
     meta: dict[str, Any]
-    """What the writer wanted remembered: stage, chunk, counters, length of the metrics."""
+    """What the writer added: stage, counters, length of the metrics."""
 
 
 def checkpoint_name(stage: int, chunk: int) -> str:
@@ -55,49 +58,42 @@ def stage_prefix(stage: int) -> str:
     return f"stage-{stage:02d}-"
 
 
-_FILE = re.compile(rf"stage-[0-9]{{2}}-chunk-[0-9]{{8}}\.(json|safetensors)({re.escape(PARTIAL)})?")
-"""Files of a checkpoint, under a name as `checkpoint_name` makes them."""
-
-
 def save(
     directory: Path | OpenFolder,
     name: str,
-    arrays: Mapping[str, np.ndarray],
+    tree: Any,
     meta: Mapping[str, Any],
     settings_digest: str,
     keep: int | None = None,
     unusable: Collection[str] = (),
 ) -> None:
-    """Stores arrays under a name; both files are complete on disk before either gets its name.
+    """Store a pytree of arrays; both files are complete on disk before either gets its name.
 
     Args:
-        directory: Where. One that is only named is made if it is missing.
-        name: File name without ending. For checkpoints, names must sort by time.
-        arrays: Arrays by name.
-        meta: Anything JSON can hold.
-        settings_digest: Digest of the settings they belong to.
-        keep: Afterwards, `prune` all but this many checkpoints; None keeps all.
-        unusable: Names of checkpoints that are known not to be.
+        directory: where. One that is only named is made if it is missing.
+        name: file name without ending. Names of checkpoints must sort by time.
+        tree: a pytree of arrays and random keys.
+        meta: anything JSON can hold.
+        settings_digest: digest of the settings they belong to.
+        keep: afterwards, `prune` all but this many checkpoints; None keeps all.
+        unusable: names of damaged checkpoints, for `prune`.
 
     Raises:
-        RunError: An open directory is no longer where it was; nothing is written.
-        OSError: The disk is full or not writable; what was stored before is unchanged.
+        RunError: an open directory is no longer where it was; nothing is written.
+        OSError: the disk is full or not writable; what was stored before is unchanged.
     """
-    _check_name(name)
     if isinstance(directory, Path):
         directory.mkdir(parents=True, exist_ok=True)
     # safetensors stores memory as it lies: it must be row by row, in this machine's byte order.
-    packed = {key: np.array(value, order="C") for key, value in arrays.items()}
-    data = save_safetensors(packed)
+    arrays = {key: np.array(value, order="C") for key, value in pytree_io.flatten(tree).items()}
+    data = save_safetensors(arrays)
     manifest = {
         "format": FORMAT,
         "version": VERSION,
         "name": name,
         "sha256": hashlib.sha256(data).hexdigest(),
-        "bytes": len(data),
         "settings_digest": settings_digest,
         "meta": dict(meta),
-        "arrays": {key: [value.dtype.name, *value.shape] for key, value in packed.items()},
     }
     manifest["manifest_sha256"] = _digest_of(manifest)
     text = json.dumps(manifest, indent=1, allow_nan=False) + "\n"
@@ -107,57 +103,49 @@ def save(
 
 
 def load(
-    directory: Path,
-    name: str,
-    template: Template | Callable[[dict[str, Any]], Template] | None = None,
-    settings_digest: str | None = None,
-    nonfinite: Collection[str] = (),
+    directory: Path, name: str, template: Any = None, settings_digest: str | None = None
 ) -> Checkpoint:
-    """Loads what ``save`` stored, or says what is wrong with it.
+    """Load what `save` stored.
 
     Args:
-        directory: Where.
-        name: File name without ending.
-        template: What the arrays must be by name, or a function that tells it from the meta. An
-            array that is not finite in the template may be so in the file.
-        settings_digest: Digest of the settings they must belong to; None for any.
-        nonfinite: Names of further arrays that may hold nan or infinities.
+        directory: where.
+        name: file name without ending.
+        template: a pytree of arrays or shapes that the stored one must equal in structure, types
+            and shapes; None takes any arrays.
+        settings_digest: digest of the settings they must belong to; None for any.
 
     Raises:
-        CheckpointError: A file is missing, a link, too large, truncated, altered, of other
-            settings, or not what the template wants.
+        CheckpointError: a file is missing, a link, too large, damaged, of other settings, or
+            differs from the template.
     """
-    manifest = _manifest_of(directory, name, settings_digest)
-    label = str(directory / f"{name}.safetensors")
-    wanted = _template_of(label, manifest["meta"], template)
-    if wanted is not None:
-        templates.check_declared(label, manifest["arrays"], wanted)
-        templates.check_size(label, manifest["bytes"], wanted)
-    arrays = _read_arrays(directory / f"{name}.safetensors", manifest)
-    templates.check_values(label, arrays, wanted, nonfinite)
-    return Checkpoint(name, arrays, manifest["meta"])
-
-
-def _template_of(
-    label: str,
-    meta: dict[str, Any],
-    template: Template | Callable[[dict[str, Any]], Template] | None,
-) -> Template | None:
-    if not callable(template):
-        return template
+    manifest = _read_manifest(directory, name, settings_digest)
+    path = directory / f"{name}.safetensors"
+    largest = _LARGEST_FILE if template is None else _size(template) + _LARGEST_HEADER
+    data = _read_file(path, largest)
+    if hashlib.sha256(data).hexdigest() != manifest["sha256"]:
+        raise CheckpointError(f"{path} was truncated or altered: its digest is not the manifest's")
     try:
-        return template(meta)
+        arrays = load_safetensors(data)
+    except (SafetensorError, ValueError, KeyError) as error:
+        raise CheckpointError(f"{path} is not a safetensors file") from error
+    for key, array in arrays.items():
+        if not _is_finite(array):
+            raise CheckpointError(f"{path}: {brief(key)} holds numbers that are not finite")
+    if template is None:
+        return Checkpoint(name, arrays, manifest["meta"])
+    try:
+        return Checkpoint(name, pytree_io.unflatten(template, arrays), manifest["meta"])
     except CheckpointError as error:
-        raise CheckpointError(f"{label}: {error}") from error
+        raise CheckpointError(f"{path}: {error}") from error
 
 
 def read_meta(directory: Path, name: str, settings_digest: str | None = None) -> dict[str, Any]:
-    """What was to be remembered with the arrays stored under a name; reads none of them.
+    """The ``meta`` of what is stored under a name; reads no array.
 
     Raises:
-        CheckpointError: The manifest is missing, damaged, altered, or of other settings.
+        CheckpointError: the manifest is missing, damaged, or of other settings.
     """
-    meta: dict[str, Any] = _manifest_of(directory, name, settings_digest)["meta"]
+    meta: dict[str, Any] = _read_manifest(directory, name, settings_digest)["meta"]
     return meta
 
 
@@ -165,36 +153,47 @@ def read_digest(directory: Path, name: str) -> str:
     """SHA-256 of the file with the arrays, as its manifest has it.
 
     Raises:
-        CheckpointError: As `read_meta`.
+        CheckpointError: as `read_meta`.
     """
-    return str(_manifest_of(directory, name, None)["sha256"])
+    return str(_read_manifest(directory, name, None)["sha256"])
 
 
 def names(directory: Path) -> list[str]:
-    """The names of the checkpoints in a directory, oldest first; other files there are none."""
+    """Names of the checkpoints in a directory, oldest first; other files do not count."""
     found = os.listdir(directory) if directory.is_dir() else ()
     return [path.stem for path in _files(found) if path.suffix == ".json"]
 
 
 def newest_valid(
     directory: Path,
-    template: Template | Callable[[dict[str, Any]], Template] | None = None,
+    template: Any = None,
     settings_digest: str | None = None,
-    nonfinite: Collection[str] = (),
+    prefix: str = "",
+    accept: Callable[[dict[str, Any]], object] = lambda meta: None,
 ) -> tuple[Checkpoint | None, str]:
-    """Loads the newest checkpoint that is whole, and a warning about newer ones that are not.
+    """The newest undamaged checkpoint, and a warning about newer ones that are damaged.
+
+    Args:
+        directory: where.
+        template: as for `load`.
+        settings_digest: as for `load`.
+        prefix: only names that begin so count.
+        accept: raises an error for the ``meta`` of a checkpoint that cannot be used.
 
     Returns:
-        The checkpoint, or None where none was ever stored; and a warning, often empty.
+        The checkpoint, None where there is none of these names; and a warning, often empty.
 
     Raises:
-        CheckpointError: There are checkpoints, but none is whole.
+        CheckpointError: there are checkpoints, but none is undamaged.
     """
     problems: list[str] = []
     for name in reversed(names(directory)):
+        if not name.startswith(prefix):
+            continue
         try:
-            found = load(directory, name, template, settings_digest, nonfinite)
-        except CheckpointError as error:
+            accept(read_meta(directory, name, settings_digest))
+            found = load(directory, name, template, settings_digest)
+        except (CheckpointError, RunError) as error:
             problems.append(str(error))
         else:
             warning = f"{problems[0]}; continuing from {name}" if problems else ""
@@ -204,21 +203,16 @@ def newest_valid(
     return None, ""
 
 
-def _check_name(name: str) -> None:
-    if not _NAME.fullmatch(name):
-        raise CheckpointError(f'"{brief(name)}" is no name for a checkpoint')
-
-
 def prune(directory: Path | OpenFolder, keep: int, unusable: Collection[str] = ()) -> None:
-    """Deletes checkpoints, but the newest, and no file that is none of theirs.
+    """Delete all but the newest checkpoints, and no other file.
 
     Args:
-        directory: Where.
-        keep: So many of the newest stay.
-        unusable: Names of some that do not count and go too.
+        directory: where.
+        keep: how many of the newest stay.
+        unusable: names of damaged ones, which are deleted and do not count.
 
     Raises:
-        RunError: An open directory is no longer where it was; nothing is deleted.
+        RunError: an open directory is no longer where it was; nothing is deleted.
     """
     with opened(directory) as folder:
         with os.scandir(folder.descriptor) as entries:
@@ -234,7 +228,7 @@ def prune(directory: Path | OpenFolder, keep: int, unusable: Collection[str] = (
 
 
 def _files(found: Iterable[str]) -> list[Path]:
-    """What is named as a file of a checkpoint, oldest first and each manifest before its data."""
+    """Names of checkpoint files, oldest first and each manifest before its data."""
     return sorted(Path(name) for name in found if _FILE.fullmatch(name))
 
 
@@ -247,18 +241,8 @@ def _read_file(path: Path, largest: int) -> bytes:
         raise CheckpointError(f"cannot read {path}: {error}") from error
 
 
-def _manifest_of(directory: Path, name: str, settings_digest: str | None) -> dict[str, Any]:
-    _check_name(name)
-    manifest = _read_manifest(directory / f"{name}.json")
-    label = str(directory / f"{name}.safetensors")
-    if manifest["name"] != name:
-        raise CheckpointError(f"{label}: its manifest belongs to {brief(manifest['name'])}")
-    if settings_digest is not None and manifest["settings_digest"] != settings_digest:
-        raise CheckpointError(f"{label} was made with other settings")
-    return manifest
-
-
-def _read_manifest(path: Path) -> dict[str, Any]:
+def _read_manifest(directory: Path, name: str, settings_digest: str | None) -> dict[str, Any]:
+    path = directory / f"{name}.json"
     try:
         manifest = safe_io.parse_json(_read_file(path, _LARGEST_MANIFEST))
     except ValueError as error:
@@ -267,12 +251,12 @@ def _read_manifest(path: Path) -> dict[str, Any]:
         raise CheckpointError(f"{path} is not a manifest of lanewise")
     if other := safe_io.format_mismatch(manifest, FORMAT, VERSION):
         raise CheckpointError(f"{path} {other}")
-    fields = {"name": str, "sha256": str, "bytes": int, "settings_digest": str, "meta": dict}
-    for name, kind in (fields | {"arrays": dict}).items():
-        if type(manifest.get(name)) is not kind:
-            raise CheckpointError(f"{path} is damaged: {name} is missing")
     if manifest.get("manifest_sha256") != _digest_of(manifest):
         raise CheckpointError(f"{path} was altered: its digest is not its own")
+    if manifest["name"] != name:
+        raise CheckpointError(f"{path} belongs to {brief(manifest['name'])}")
+    if settings_digest is not None and manifest["settings_digest"] != settings_digest:
+        raise CheckpointError(f"{directory / name}.safetensors was made with other settings")
     return manifest
 
 
@@ -280,19 +264,14 @@ def _digest_of(manifest: Mapping[str, Any]) -> str:
     return safe_io.digest(manifest, "manifest_sha256")
 
 
-def _read_arrays(path: Path, manifest: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    expected = manifest["bytes"]
-    # No more is read than there should be, whatever the file says of its length.
-    data = _read_file(path, min(expected, _LARGEST_FILE))
-    if len(data) != expected:
-        raise CheckpointError(f"{path} is truncated or altered: {len(data)} of {expected} bytes")
-    if hashlib.sha256(data).hexdigest() != manifest["sha256"]:
-        raise CheckpointError(f"{path} was altered: its digest is not the manifest's")
-    try:
-        arrays: dict[str, np.ndarray] = load_safetensors(data)
-    except (SafetensorError, ValueError, KeyError) as error:
-        raise CheckpointError(f"{path} is not a safetensors file") from error
-    listed = {name: [array.dtype.name, *array.shape] for name, array in arrays.items()}
-    if listed != manifest["arrays"]:
-        raise CheckpointError(f"{path} does not hold the arrays its manifest lists")
-    return arrays
+def _size(template: Any) -> int:
+    """Bytes of the arrays of a template."""
+    every = pytree_io.shapes(template).values()
+    return sum(math.prod(each.shape) * np.dtype(each.dtype).itemsize for each in every)
+
+
+def _is_finite(array: np.ndarray) -> bool:
+    if not np.issubdtype(array.dtype, np.inexact):
+        return True
+    # One pass without a temporary array: sums of finite numbers can overflow, extremes cannot.
+    return array.size == 0 or bool(np.isfinite(array.min()) and np.isfinite(array.max()))

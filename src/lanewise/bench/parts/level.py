@@ -16,7 +16,7 @@ from typing import Any
 from lanewise.bench import processes, runner
 from lanewise.bench.task import Asked, Figure, Task
 from lanewise.errors import LanewiseError
-from lanewise.runs import metrics
+from lanewise.runs import metrics_file
 
 PART = "level"
 CASE = "lanewise train hierarchical --preset quick"
@@ -62,12 +62,12 @@ def _trained(case: str, seed: int, run: Path, environment: Mapping[str, str]) ->
     seconds, memory = _timed(command, log, environment)
     compiling = sum(float(found) for found in COMPILE.findall(log.read_text()))
     test = processes.output(["-m", "lanewise", "evaluate", str(run), "--json"])
-    chunks = [line for line in metrics.read(run / "metrics.jsonl") if line["kind"] == "chunk"]
+    chunks = [line for line in metrics_file.read(run / "metrics.jsonl") if line["kind"] == "chunk"]
     last = {line["stage"]: line for line in chunks}
     detail: dict[str, Any] = {
         "seed": seed,
         "compile_seconds": compiling,
-        "seconds_of": breakdown(seconds, compiling, metrics.read(run / "timings.jsonl")),
+        "seconds_of": breakdown(seconds, compiling, metrics_file.read(run / "timings.jsonl")),
         "peak_memory_bytes": memory,
         "decisions": {stage: line["decisions"] for stage, line in last.items()},
         "updates": {stage: line["updates"] for stage, line in last.items()},

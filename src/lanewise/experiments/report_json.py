@@ -7,26 +7,26 @@ from typing import Any
 from lanewise import config
 from lanewise.evaluation import metrics
 from lanewise.experiments import drives, published
-from lanewise.experiments.content import Content, paired
+from lanewise.experiments.report_data import ReportData, paired
 from lanewise.experiments.results import ArmResult, SeedResult
 from lanewise.report import arms as tables
 from lanewise.report.escape import finite
 
 
-def text(content: Content) -> str:
+def text(data: ReportData) -> str:
     """The whole of `report.json`."""
     stored = {
-        "title": content.experiment.title,
-        "command": content.command,
-        **content.made,
-        "preset": content.experiment.preset,
+        "title": data.experiment.title,
+        "command": data.command,
+        **data.made,
+        "preset": data.experiment.preset,
         "published": {"test": metrics.PUBLISHED, "training": metrics.PUBLISHED_TRAINING},
-        "arms": [_arm_json(result) for result in content.results],
+        "arms": [_arm_json(result) for result in data.results],
         "claims": [
             {"claim": c.text, "verdict": c.verdict, "seeds": list(c.seeds), "measured": c.figures}
-            for c in content.ledger
+            for c in data.ledger
         ],
-        "times": dict(content.times),
+        "times": dict(data.times),
     }
     return json.dumps(finite(stored), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
@@ -63,6 +63,6 @@ def _seed_json(seed: SeedResult) -> dict[str, Any]:
         "test_seconds": {world: test.seconds for world, test in seed.tests.items()},
         "paired": None if pair is None else pair.to_json(),
         "training": last,
-        "weights": [dict(kept.line) | {"chosen_for": kept.chosen_for} for kept in seed.kept],
+        "weights": [dict(each.line) | {"chosen_for": each.chosen_for} for each in seed.selected],
         "effort": None if seed.effort is None else asdict(seed.effort),
     }

@@ -1,5 +1,10 @@
-"""Writing files so that a kill or a full disk never leaves half of one. Imports no JAX."""
+"""Folders that one process writes into: locked, and never half a file. Imports no JAX.
 
+A folder is held by its descriptor and not by its name. A writer whose folder was moved, removed or
+replaced therefore notices before it writes, and writes into no other folder.
+"""
+
+import fcntl
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -13,35 +18,31 @@ PARTIAL = ".partial"
 
 
 class OpenFolder:
-    """A folder itself, whatever its name leads to meanwhile.
-
-    Everything in it is opened, renamed and deleted relative to ``descriptor``, so that no other
-    folder is ever written to, and a folder that is gone is not made again.
-    """
+    """An open folder: files are opened, renamed and deleted relative to its ``descriptor``."""
 
     def __init__(self, path: Path) -> None:
         """Opens a folder.
 
         Raises:
-            OSError: there is none of that name.
+            OSError: there is no folder of that name.
         """
         self.path = path
         """Its name when it was opened."""
         self.descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
         """For functions of `os` that take ``dir_fd``."""
         self._root = self
-        """The folder whose name is looked at."""
+        """The outermost open folder, whose name is compared."""
 
     @contextmanager
     def inside(self, name: str | PurePath) -> Iterator["OpenFolder"]:
-        """A folder in this one, made with its parents where they are missing.
+        """Open a folder in this one, made with its parents where they are missing.
 
         Raises:
             RunError: as `require_same`.
             OSError: it cannot be made, or a file has its name.
         """
         self.require_same()
-        with self.again() as inner:
+        with self.duplicate() as inner:
             inner.path = self.path / name
             for part in PurePath(name).parts:
                 with suppress(FileExistsError):
@@ -51,7 +52,7 @@ class OpenFolder:
                 os.close(outer)
             yield inner
 
-    def again(self) -> "OpenFolder":
+    def duplicate(self) -> "OpenFolder":
         """The same folder opened once more, to be locked and closed by itself."""
         copy = object.__new__(OpenFolder)
         copy.path, copy._root = self.path, self._root
@@ -60,25 +61,25 @@ class OpenFolder:
 
     @property
     def identity(self) -> "FolderIdentity":
-        """By which another process can open it too."""
+        """What another process needs to open the same folder."""
         status = os.fstat(self.descriptor)
         return FolderIdentity(self.path, status.st_dev, status.st_ino)
 
     def require_same(self) -> None:
-        """Refuses to go on where the name no longer leads here; asked before anything is written.
+        """Refuse to go on where the name no longer leads here; called before anything is written.
 
         Raises:
-            RunError: says so.
+            RunError: the folder was moved, removed or replaced.
         """
         self._root.identity.require()
 
     def unlink(self, name: str) -> None:
-        """Deletes a file in it, if it is there."""
+        """Delete a file in it, if there is one."""
         with suppress(FileNotFoundError):
             os.unlink(name, dir_fd=self.descriptor)
 
     def close(self) -> None:
-        """Closes it, and gives back its lock if it has one; closing once more does nothing."""
+        """Close it and release its lock if it has one; closing twice does nothing."""
         if self.descriptor >= 0:
             os.close(self.descriptor)
             self.descriptor = -1
@@ -99,7 +100,7 @@ class FolderIdentity:
     inode: int
 
     def open(self) -> OpenFolder:
-        """That folder.
+        """Open that folder.
 
         Raises:
             RunError: as `require`.
@@ -112,10 +113,10 @@ class FolderIdentity:
         raise self._gone()
 
     def require(self) -> None:
-        """Refuses another folder, or none, where this one was.
+        """Refuse another folder, or none, under the name.
 
         Raises:
-            RunError: says so.
+            RunError: the folder was moved, removed or replaced.
         """
         with suppress(FileNotFoundError, NotADirectoryError):
             status = os.stat(self.path)
@@ -130,13 +131,45 @@ class FolderIdentity:
         )
 
 
+def lock(place: Path | OpenFolder, doing: str) -> OpenFolder:
+    """Lock a folder; closing it, or the end of the process, releases the lock.
+
+    The folder itself is locked. A lock file could be deleted, which would let another process in.
+
+    Args:
+        place: the folder, by its name or already open.
+        doing: what the other process would be doing there, for the message.
+
+    Raises:
+        RunError: another process holds it, or its name leads elsewhere by now.
+    """
+    folder = place.duplicate() if isinstance(place, OpenFolder) else OpenFolder(place)
+    try:
+        fcntl.flock(folder.descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        folder.require_same()
+    except BaseException as error:
+        folder.close()
+        if isinstance(error, BlockingIOError):
+            message = f"{folder.path} is in use: another process is {doing} in it"
+            raise RunError(message) from None
+        raise
+    return folder
+
+
+def make_locked(place: Path | OpenFolder, doing: str) -> OpenFolder:
+    """Make a folder that is named and missing, and `lock` it; arguments and errors as there."""
+    if isinstance(place, Path):
+        place.mkdir(parents=True, exist_ok=True)
+    return lock(place, doing)
+
+
 @contextmanager
 def opened(directory: Path | OpenFolder) -> Iterator[OpenFolder]:
-    """A folder to write into: opened now, or opened and still the same.
+    """A folder to write into: opened now, or opened before and still the same.
 
     Raises:
         RunError: as `OpenFolder.require_same`.
-        OSError: there is none of that name.
+        OSError: there is no folder of that name.
     """
     if isinstance(directory, OpenFolder):
         directory.require_same()
@@ -147,14 +180,14 @@ def opened(directory: Path | OpenFolder) -> Iterator[OpenFolder]:
 
 
 def write_atomically(directory: Path | OpenFolder, contents: Mapping[str, bytes]) -> None:
-    """Writes files into a directory, all complete on disk before the first gets its name.
+    """Write files into a folder, all complete on disk before the first gets its name.
 
-    They get their names one after the other, in the order given, so the last one can vouch for
-    the others.
+    They get their names one after the other, in the order given, so that the last one can vouch
+    for the others.
 
     Raises:
-        RunError: An open folder is no longer where it was; nothing is written.
-        OSError: A write failed; files that already had these names are unchanged.
+        RunError: an open folder is no longer where it was; nothing is written.
+        OSError: a write failed; files that already had these names are unchanged.
     """
     with opened(directory) as folder:
         place = folder.descriptor
@@ -172,11 +205,11 @@ def write_atomically(directory: Path | OpenFolder, contents: Mapping[str, bytes]
 
 
 def publish(source: Path, target: OpenFolder, last: str) -> None:
-    """Copies files that are finished, with the folders they lie in, to where they belong.
+    """Copy finished files, with the folders they lie in, into a folder.
 
     Args:
-        source: holds them and nothing else.
-        target: replaces those of the same name; others stay.
+        source: holds these files and nothing else.
+        target: files of the same names are replaced, others stay.
         last: the file that gets its name last: where it is, the others are.
 
     Raises:
@@ -202,7 +235,7 @@ def _write(folder: OpenFolder, name: str, content: bytes) -> None:
             rest = rest[os.write(descriptor, rest) :]
         os.fsync(descriptor)
     except OSError as error:
-        # os.write does not know the name; whoever reads the message should.
+        # The error of os.write names no file; the message should.
         raise OSError(error.errno, error.strerror, str(folder.path / name)) from error
     finally:
         os.close(descriptor)

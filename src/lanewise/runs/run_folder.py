@@ -11,7 +11,7 @@
     DIR/timings.jsonl     wall-clock times, which do differ
     DIR/checkpoints/      what resuming needs
     DIR/stages/           what each finished stage hands on
-    DIR/diverged/         what there is of a training whose numbers went wrong
+    DIR/diverged/         what is kept of a training whose numbers stopped being finite
     DIR/controller.*      the trained controller
 
 The process that writes holds a lock on the folder itself.
@@ -25,17 +25,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from lanewise import config, crosschecks
-from lanewise.errors import RunError, SettingsError, brief
+from lanewise.errors import RunError, SettingsError
 from lanewise.ranges import SEEDS
-from lanewise.runs import lock
-from lanewise.runs.compiler import switches
-from lanewise.runs.files import PARTIAL, OpenFolder, write_atomically
 from lanewise.settings import Settings
 from lanewise.system import process, safe_io, version
+from lanewise.system.folder_io import PARTIAL, OpenFolder, lock, make_locked, write_atomically
 
 FORMAT = "lanewise-run"
 VERSION = 2
@@ -43,7 +40,8 @@ CONTROLLERS = ("hierarchical", "single-level", "planned", "h-dqn")
 """What can be trained."""
 WITH_STEP_1 = ("hierarchical", "planned")
 """Controllers whose training begins with step 1, and can take it over from another run."""
-LARGEST_SEED = int(SEEDS.high)
+STEP_1 = "step-1"
+"""Name of `training.recipe.STEP_1`, known without importing it."""
 _LARGEST_MANIFEST = 100_000
 LARGEST_SETTINGS = 100_000
 """Bytes of a file with every setting."""
@@ -53,16 +51,14 @@ _FILES = (
 )
 CHECKPOINTS, STAGES = "checkpoints", "stages"
 _FOLDERS = (CHECKPOINTS, STAGES, "tensorboard", "diverged")
-_FIELDS = {
-    *("format", "version", "controller", "seed", "settings_digest", "lanewise", "parts"),
-    *("compiler", "created", "digest", *version.SOURCE),
-}
-"""Of run.json. Older folders lack its own digest, or which code made them."""
+_ROUNDING = ("fast_math", "optimization_level")
+"""Parts of names in ``XLA_FLAGS`` that change how the compiler rounds."""
+_UNOPTIMISED = "JAX_DISABLE_MOST_OPTIMIZATIONS"
 
 
 @dataclass
 class RunFolder:
-    """A run on disk. ``create`` and ``resume`` hold its lock until ``close``; ``open`` reads."""
+    """A run on disk. ``create`` and ``resume`` lock it until ``close``; ``open`` only reads."""
 
     path: Path
     """The folder."""
@@ -73,14 +69,13 @@ class RunFolder:
     seed: int
     """Seed of everything random."""
     digest: str
-    """Of the settings file; every file of the run carries it. The file's and not the settings', so
-    that a later version with one setting more still reads the run."""
+    """SHA-256 of the settings file, which every file of the run carries."""
     parts: tuple[str, ...] = ()
     """Names of the user's own functions it is trained with (`driving.parts.Parts.names`)."""
     compiler: tuple[str, ...] = ()
-    """Switches of the compiler it was made with (`compiler.switches`)."""
+    """Compiler switches it was made with (`compiler_switches`)."""
     source: Mapping[str, Any] = field(default_factory=dict)
-    """The code it was made with (`version.source`); empty in older runs."""
+    """The code it was made with (`version.source`)."""
     _held: OpenFolder | None = field(default=None, repr=False)
 
     @classmethod
@@ -93,7 +88,7 @@ class RunFolder:
         parts: tuple[str, ...] = (),
         observed: int = crosschecks.FEATURES,
     ) -> "RunFolder":
-        """Makes a run in a new or empty folder and locks it.
+        """Make a run in a new or empty folder and lock it.
 
         Args:
             path: the folder, made with its parents if it is missing; or an open one.
@@ -104,20 +99,18 @@ class RunFolder:
             observed: how many numbers a controller observes.
 
         Raises:
-            RunError: The folder holds something already, or another process is making a run in it,
-                or the seed is none.
-            SettingsError: The machine has not the memory for what they ask.
+            RunError: the folder holds something, or another process is making a run in it, or the
+                seed is out of range.
+            SettingsError: the machine has too little memory for these settings.
         """
         crosschecks.check_memory(settings, controller, process.total_memory(), observed)
         name = _name_of(path)
         require_empty(name)
-        if type(seed) is not int or not 0 <= seed <= LARGEST_SEED:
-            raise RunError(f"seed must be a whole number from 0 to {LARGEST_SEED}")
-        if isinstance(path, Path):
-            path.mkdir(parents=True, exist_ok=True)
-        held = lock.acquire(path, "training")
+        _check_seed(seed, "")
+        held = make_locked(path, "training")
         digest = config.digest(settings)
-        folder = cls(name, settings, controller, seed, digest, parts, switches(), _held=held)
+        folder = cls(name, settings, controller, seed, digest, parts, compiler_switches())
+        folder._held = held
         try:
             # Whoever had the lock just before may have made a run meanwhile.
             require_empty(name)
@@ -130,19 +123,23 @@ class RunFolder:
 
     @classmethod
     def open(cls, path: Path) -> "RunFolder":
-        """Reads a run, without locking it.
+        """Read a run, without locking it.
 
         Raises:
-            RunError: There is no run, or its files are damaged, or something in it leads elsewhere.
+            RunError: there is no run, or its files are damaged, or something in it leads elsewhere.
         """
         _check_names(path)
-        manifest = _read_manifest(path)
-        settings = _read_settings(path, manifest)
-        digest = manifest["settings_digest"]
-        parts, compiler = (tuple(manifest.get(name, ())) for name in ("parts", "compiler"))
-        source = version.remembered(manifest)
-        controller, seed = manifest["controller"], manifest["seed"]
-        return cls(path, settings, controller, seed, digest, parts, compiler, source)
+        manifest = _read_manifest(path / "run.json")
+        return cls(
+            path,
+            _read_settings(path / "settings.toml", manifest["settings_digest"]),
+            manifest["controller"],
+            manifest["seed"],
+            manifest["settings_digest"],
+            tuple(manifest.get("parts", ())),
+            tuple(manifest.get("compiler", ())),
+            version.recorded(manifest),
+        )
 
     @classmethod
     def resume(
@@ -152,11 +149,11 @@ class RunFolder:
         controller: str | None = None,
         seed: int | None = None,
     ) -> "RunFolder":
-        """Opens a run to continue it, and locks it. What is None is taken from the run.
+        """Open a run to continue it, and lock it. What is None is taken from the run.
 
         Raises:
-            RunError: There is no run, another process holds it, or it was made with another
-                controller, seed, settings or switches of the compiler.
+            RunError: there is no run, another process holds it, or it was made with another
+                controller, seed, settings or compiler switches.
         """
         folder = cls.open(_name_of(path))
         if controller is not None and controller != folder.controller:
@@ -169,18 +166,20 @@ class RunFolder:
                 f"{folder.path} was made with other settings: there {difference}\n"
                 "  --resume without any settings takes those of the run"
             )
-        if folder.compiler != switches():
-            made, now = (", ".join(given) or "none" for given in (folder.compiler, switches()))
-            raise RunError(
-                f"{folder.path} was made with other switches of the compiler: there {made}, "
-                f"here {now}\n  it would go on to other bits; set them as they were"
+        if folder.compiler != compiler_switches():
+            made, now = (
+                ", ".join(given) or "none" for given in (folder.compiler, compiler_switches())
             )
-        folder._held = lock.acquire(path, "training")
+            raise RunError(
+                f"{folder.path} was made with other compiler switches: there {made}, here {now}\n"
+                "  it would go on to other bits; set them as they were"
+            )
+        folder._held = lock(path, "training")
         return folder
 
     @property
     def held(self) -> OpenFolder:
-        """The folder itself, to be written into; only of a run that was created or resumed."""
+        """The open folder to write into; only of a run that was created or resumed."""
         assert self._held is not None, "a run that is only read is not written to"
         return self._held
 
@@ -205,10 +204,10 @@ class RunFolder:
         return self.path / "timings.jsonl"
 
     def check_parts(self, parts: tuple[str, ...]) -> None:
-        """Refuses to go on with other functions than the run was made with, as names can tell.
+        """Refuse to go on with functions of other names than the run was made with.
 
         Raises:
-            RunError: Says which it was made with.
+            RunError: names those it was made with.
         """
         if self.parts == parts:
             return
@@ -222,7 +221,7 @@ class RunFolder:
         raise RunError(f"{self.path} was made with {made}\n  {remedy}")
 
     def other_code(self) -> str:
-        """A warning if this code trains otherwise than that which made the run; else empty."""
+        """A warning if this code trains differently from the code of the run; else empty."""
         made, here = self.source.get("training"), version.training()
         if made in (None, here):
             return ""
@@ -234,7 +233,7 @@ class RunFolder:
         )
 
     def close(self) -> None:
-        """Gives the lock back."""
+        """Release the lock."""
         if self._held is not None:
             self._held.close()
             self._held = None
@@ -242,12 +241,7 @@ class RunFolder:
     def __enter__(self) -> "RunFolder":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _write_identity(self) -> None:
@@ -271,36 +265,68 @@ class RunFolder:
         write_atomically(self.held, contents)
 
 
-def _name_of(path: Path | OpenFolder) -> Path:
-    return path.path if isinstance(path, OpenFolder) else path
+def compiler_switches() -> tuple[str, ...]:
+    """Compiler switches set now that change rounding, as they are written; mostly none.
+
+    They hold for a whole process, so `lanewise.system.pinned` cannot set them aside. A run
+    remembers them instead.
+    """
+    given = os.environ.get("XLA_FLAGS", "").split()
+    found = [f"XLA_FLAGS={flag}" for flag in given if any(name in flag for name in _ROUNDING)]
+    if os.environ.get(_UNOPTIMISED, "0").lower() in ("1", "y", "yes", "t", "true", "on"):
+        found.append(f"{_UNOPTIMISED}=1")
+    return tuple(sorted(found))
 
 
 def stages_of(path: Path) -> Path:
-    """Where the finished stages of the run in a folder lie, once there are any."""
+    """Where the finished stages of the run in a folder lie."""
     return path / STAGES
 
 
-def require_outside(path: Path) -> None:
-    """Refuses a place inside a run, whose files nobody else writes.
+def open_high_level(source: Path, settings: Settings, parts: tuple[str, ...] = ()) -> RunFolder:
+    """The run whose step 1 is to be taken over, once its high level is sure to fit.
+
+    Args:
+        source: its folder.
+        settings: of the run that takes it over.
+        parts: names of the user's own functions that this run is trained with.
 
     Raises:
-        RunError: Names the run.
+        RunError: it has no finished step 1, or the two high levels differ in shape or in what they
+            observe, or it was trained with other parts.
+    """
+    lender = RunFolder.open(source)
+    if not os.path.lexists(lender.stages / f"{STEP_1}.json"):
+        raise RunError(f"{source} has no finished {STEP_1}: it cannot lend its high level")
+    lender.check_parts(parts)
+    try:
+        crosschecks.check_high_level(lender.settings, settings)
+    except SettingsError as error:
+        raise RunError(f"{source} {error}") from error
+    return lender
+
+
+def require_outside(path: Path) -> None:
+    """Refuse a place inside a run, whose files nobody else writes.
+
+    Raises:
+        RunError: names the run.
     """
     for folder in path.absolute().parent.resolve().joinpath(path.name).parents:
         try:
             manifest = safe_io.read_bytes(folder / "run.json", _LARGEST_MANIFEST)
         except safe_io.UnreadableError:
             continue
-        # Of a damaged run too.
+        # A damaged run counts too.
         if f'"{FORMAT}"'.encode() in manifest:
             raise RunError(f"{path} belongs to the run in {folder}; choose another place")
 
 
 def require_empty(path: Path) -> None:
-    """Refuses a folder that holds anything, or lies inside a run.
+    """Refuse a folder that holds anything, or lies inside a run.
 
     Raises:
-        RunError: Says what it holds and what to do.
+        RunError: says what it holds and what to do.
     """
     require_outside(path)
     if not path.exists() and not path.is_symlink():
@@ -314,16 +340,21 @@ def require_empty(path: Path) -> None:
     names = set(os.listdir(path))
     # A kill while the run was being made leaves both; settings alone are the user's own.
     half_made = {"settings.toml"} if "run.json" + PARTIAL in names else set()
-    if any(not name.endswith(PARTIAL) for name in names - half_made - {lock.OLD}):
+    if any(not name.endswith(PARTIAL) for name in names - half_made):
         raise RunError(f"{path} is not empty and holds no run; choose another folder")
 
 
-def _check_names(path: Path) -> None:
-    """Refuses a run whose files are links and such: whoever continues it writes to them.
+def _name_of(path: Path | OpenFolder) -> Path:
+    return path.path if isinstance(path, OpenFolder) else path
 
-    Raises:
-        RunError: Names the first.
-    """
+
+def _check_seed(seed: Any, prefix: str) -> None:
+    if type(seed) is not int or not SEEDS.holds(seed):
+        raise RunError(f"{prefix}seed must be a whole number {SEEDS}")
+
+
+def _check_names(path: Path) -> None:
+    """Refuse a run in which a name is a link or a pipe: whoever continues it writes there."""
     for name in (*_FILES, *_FOLDERS):
         try:
             safe_io.require_plain(path / name, folder=name in _FOLDERS)
@@ -331,10 +362,9 @@ def _check_names(path: Path) -> None:
             raise RunError(f"{path / name}: {error}") from error
 
 
-def _read_manifest(path: Path) -> dict[str, Any]:
-    file = path / "run.json"
+def _read_manifest(file: Path) -> dict[str, Any]:
     if not file.is_file():
-        raise RunError(f"no run in {path}: looked for {file}")
+        raise RunError(f"no run in {file.parent}: looked for {file}")
     try:
         manifest = safe_io.parse_json(safe_io.read_bytes(file, _LARGEST_MANIFEST, links=False))
     except safe_io.UnreadableError as error:
@@ -345,39 +375,22 @@ def _read_manifest(path: Path) -> dict[str, Any]:
         raise RunError(f"{file} does not describe a run")
     if other := safe_io.format_mismatch(manifest, FORMAT, VERSION):
         raise RunError(f"{file} {other}")
-    _check_identity(file, manifest)
+    if manifest.get("digest") != safe_io.digest(manifest):
+        raise RunError(f"{file} was altered: its digest is not its own")
+    if manifest["controller"] not in CONTROLLERS:
+        raise RunError(f"{file} trains an unknown controller")
+    _check_seed(manifest["seed"], f"{file} is damaged: ")
     return manifest
 
 
-def _check_identity(file: Path, manifest: dict[str, Any]) -> None:
-    seed = manifest.get("seed")
-    if manifest.get("controller") not in CONTROLLERS or type(seed) is not int:
-        raise RunError(f"{file} is damaged: no controller or seed")
-    if not 0 <= seed <= LARGEST_SEED:
-        raise RunError(f"{file} is damaged: seed must be from 0 to {LARGEST_SEED}")
-    for name in ("parts", "compiler"):
-        given = manifest.get(name, [])
-        if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
-            raise RunError(f"{file} is damaged: {name} holds no names")
-    try:
-        version.remembered(manifest)
-    except ValueError as error:
-        raise RunError(f"{file} is damaged: {error}") from error
-    if unknown := manifest.keys() - _FIELDS:
-        raise RunError(f'{file} is damaged: it has no field "{brief(min(unknown))}"')
-    if "digest" in manifest and manifest["digest"] != safe_io.digest(manifest):
-        raise RunError(f"{file} was altered: its digest is not its own")
-
-
-def _read_settings(path: Path, manifest: dict[str, Any]) -> Settings:
-    file = path / "settings.toml"
+def _read_settings(file: Path, digest: str) -> Settings:
     try:
         data = safe_io.read_bytes(file, LARGEST_SETTINGS, links=False)
-        settings = config.compose_from(data, file)
     except safe_io.UnreadableError as error:
         raise RunError(f"cannot read settings file {file}: {error}") from error
+    if hashlib.sha256(data).hexdigest() != digest:
+        raise RunError(f"{file} was altered after the run was made")
+    try:
+        return config.compose_from(data, file)
     except SettingsError as error:
         raise RunError(str(error)) from error
-    if hashlib.sha256(data).hexdigest() != manifest.get("settings_digest"):
-        raise RunError(f"{file} was altered after the run was made")
-    return settings

@@ -5,14 +5,16 @@ import json
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_train import FLAGS
+import small_runs
 
 import lanewise
 from lanewise.cli import main
 from lanewise.driving import observation, reward
 from lanewise.errors import NumbersError, RunError
-from lanewise.runs import again, checkpoint, diverged, metrics, train
+from lanewise.runs import checkpoint, divergence, metrics_file, training_loop
 from lanewise.training import findings
+
+FLAGS = small_runs.flags(chunks=5)
 
 
 def rarely(world):
@@ -30,8 +32,8 @@ def spoiling_observation(value):
 
 def spoiling_reward(value):
     def rewarded(settings, world, steering, accident):
-        paid = reward.of_decision(settings, world, steering, accident)
-        return jnp.where(rarely(world), value, paid)
+        found = reward.of_decision(settings, world, steering, accident)
+        return jnp.where(rarely(world), value, found)
 
     return rewarded
 
@@ -44,7 +46,7 @@ def few_features(settings, world):
 
 @pytest.fixture(autouse=True)
 def save_every_chunk(monkeypatch):
-    monkeypatch.setattr(train, "INTERVAL", 0.0)
+    monkeypatch.setattr(training_loop, "INTERVAL", 0.0)
 
 
 def failed(path, controller, parts, **settings):
@@ -59,36 +61,36 @@ def failed(path, controller, parts, **settings):
 
 def check_what_is_left(path, parts, what, stage):
     """Of the run: files that are whole, and the same failure seen again."""
-    about = json.loads((path / diverged.FOLDER / diverged.FOUND).read_text())
+    about = json.loads((path / divergence.FOLDER / divergence.FOUND).read_text())
     assert about["found_again"]
     assert about["found"][0]["what"] == what
     assert about["stage"] == stage
     assert about["seed"] == 1
-    lines = metrics.read(path / "metrics.jsonl")
+    lines = metrics_file.read(path / "metrics.jsonl")
     chunks = [line["chunk"] for line in lines if line["kind"] == "chunk" and line["stage"] == stage]
     assert chunks == list(range(1, about["chunk"]))
     newest, warning = checkpoint.newest_valid(path / "checkpoints")
     assert warning == ""
     assert (newest.meta["ledger"]["chunks"] if newest else 0) == about["chunk"] - 1
     assert not (path / "controller.json").exists()
-    moment = again.see(path, parts)
-    assert (moment.stage, moment.chunk) == (stage, about["chunk"])
-    assert moment.found[0].what == what
-    return about, moment
+    first = divergence.find_first_nonfinite(path, parts)
+    assert (first.stage, first.chunk) == (stage, about["chunk"])
+    assert first.found[0].what == what
+    return about, first
 
 
 @pytest.mark.slow
 def test_an_observation_that_is_not_finite(tmp_path):
     path, parts = tmp_path / "run", lanewise.Parts(observe=few_features)
     error = failed(path, "single-level", parts)
-    about, moment = check_what_is_left(path, parts, "observation", "single-level")
+    about, first = check_what_is_left(path, parts, "observation", "single-level")
     assert about["chunk"] > 1
     assert str(error).count("\n") == 1
     assert f"single-level, chunk {about['chunk']}: an observation is not finite" in str(error)
-    first = about["found"][0]
-    assert moment.iteration == first["iteration"]
-    wrong = np.argwhere(~np.isfinite(moment.observation))
-    assert [first["world"], 2] in wrong.tolist()
+    told = about["found"][0]
+    assert first.iteration == told["iteration"]
+    wrong = np.argwhere(~np.isfinite(first.observation))
+    assert [told["world"], 2] in wrong.tolist()
     before = {file: (path / file).read_bytes() for file in ("metrics.jsonl", "settings.toml")}
     with pytest.raises(NumbersError) as second:
         lanewise.train(path, "single-level", parts=parts, resume=True)
@@ -105,10 +107,10 @@ def test_an_observation_that_is_not_finite(tmp_path):
 def test_a_reward_that_is_not_finite(tmp_path, controller, stage, value):
     path, parts = tmp_path / "run", lanewise.Parts(reward=spoiling_reward(value))
     failed(path, controller, parts)
-    about, moment = check_what_is_left(path, parts, "reward", stage)
+    about, first = check_what_is_left(path, parts, "reward", stage)
     world = about["found"][0]["world"]
-    assert np.array_equal(moment.reward[world], np.float32(value), equal_nan=True)
-    assert np.isfinite(moment.observation).all()
+    assert np.array_equal(first.reward[world], np.float32(value), equal_nan=True)
+    assert np.isfinite(first.observation).all()
 
 
 @pytest.mark.slow
@@ -134,8 +136,8 @@ def test_a_loss_that_overflows(tmp_path, controller, level):
     error = failed(path, controller, parts)
     assert f"the loss of {level} is not finite since decision" in str(error)
     assert f"lower learner.learning_rate of {level}" in str(error)
-    about, moment = check_what_is_left(path, parts, "loss", controller)
-    assert not np.isfinite(moment.loss[level])
+    about, first = check_what_is_left(path, parts, "loss", controller)
+    assert not np.isfinite(first.loss[level])
     assert {one["what"] for one in about["found"]} <= {"loss", "weights"}
 
 
@@ -143,7 +145,7 @@ def test_the_command_line_says_it_in_two_lines(tmp_path, monkeypatch, capsys):
     def failing(*_, **__):
         raise NumbersError("step-1, chunk 3: a reward is not finite\n  mend it")
 
-    monkeypatch.setattr(train, "train", failing)
+    monkeypatch.setattr(training_loop, "train", failing)
     assert main(["train", "single-level", "--out", str(tmp_path / "run")]) == 2
     said = capsys.readouterr().err
     assert "lanewise: error: step-1, chunk 3: a reward is not finite\n  mend it\n" in said
@@ -151,13 +153,11 @@ def test_the_command_line_says_it_in_two_lines(tmp_path, monkeypatch, capsys):
 
 
 def test_nothing_to_see_where_nothing_went_wrong(tmp_path):
-    from test_train import create
-
-    create(tmp_path / "run", controller="single-level").close()
+    small_runs.create(tmp_path / "run", FLAGS, "single-level", 4).close()
     with pytest.raises(RunError, match="holds no training whose numbers went wrong"):
-        again.see(tmp_path / "run")
+        divergence.find_first_nonfinite(tmp_path / "run")
 
 
 def test_every_finding_has_its_advice():
-    every = set(diverged.ADVICE) - {"validation"}
+    every = set(divergence.ADVICE) - {"validation"}
     assert len({findings.Finding(what, "q").said(0, 1) for what in every}) == 6

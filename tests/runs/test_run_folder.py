@@ -1,16 +1,20 @@
-import hashlib
+"""Run folders: what they remember, who may write to them, and what is refused."""
+
 import json
 import os
+import shutil
 import subprocess
 import sys
 
 import pytest
+import small_runs
 
 from lanewise import config
 from lanewise.errors import RunError
-from lanewise.runs.folder import RunFolder, require_empty
+from lanewise.runs import run_state
+from lanewise.runs.run_folder import RunFolder, require_empty
 from lanewise.settings import Settings
-from lanewise.system import safe_io, version
+from lanewise.system import version
 
 
 @pytest.fixture
@@ -23,40 +27,11 @@ def run(tmp_path):
 def test_what_was_created_is_opened(run):
     folder = RunFolder.open(run)
     assert (folder.settings, folder.controller, folder.seed) == (Settings(), "hierarchical", 3)
+    assert folder.source == version.source()
     identity = json.loads((run / "run.json").read_text())
     assert identity["settings_digest"] == folder.digest == config.digest(Settings())
-    assert identity["version"] == 2
-    assert {"lanewise", "created"} <= identity.keys()
-
-
-def test_a_run_remembers_the_code_that_made_it(run):
-    identity = json.loads((run / "run.json").read_text())
     assert {name: identity[name] for name in version.SOURCE} == version.source()
-    assert RunFolder.open(run).source == version.source()
-
-
-def test_a_run_from_before_runs_remembered_their_code_is_still_read(run):
-    sign(run, commit=..., clean_tree=..., training=...)
-    assert RunFolder.open(run).source == {}
-
-
-@pytest.mark.parametrize(
-    "changed",
-    [{"training": "x\x1b[2J"}, {"training": None}, {"commit": "main"}, {"clean_tree": 1}]
-    + [{name: ...} for name in ("commit", "clean_tree", "training")],
-)
-def test_no_other_code_than_one_that_could_be_is_believed(run, changed):
-    sign(run, **changed)
-    with pytest.raises(RunError, match=r"run\.json is damaged: it does not say which code"):
-        RunFolder.open(run)
-
-
-def sign(run, **changed):
-    """Alter what a run says of itself, ... for what is to go, and sign it anew."""
-    identity = json.loads((run / "run.json").read_text()) | changed
-    identity = {name: value for name, value in identity.items() if value is not ...}
-    identity["digest"] = safe_io.digest(identity)
-    (run / "run.json").write_text(json.dumps(identity))
+    assert {"lanewise", "created"} <= identity.keys()
 
 
 @pytest.mark.parametrize("path", ["new", "new/with/parents", "empty"])
@@ -64,6 +39,13 @@ def test_new_and_empty_folders_will_do(tmp_path, path):
     (tmp_path / "empty").mkdir()
     with RunFolder.create(tmp_path / path, Settings(), "single-level", 0) as folder:
         assert folder.path.is_dir()
+
+
+@pytest.mark.parametrize("seed", [-1, 2**31, True, "3"])
+def test_a_seed_is_one_that_a_command_takes(tmp_path, seed):
+    with pytest.raises(RunError, match="seed must be"):
+        RunFolder.create(tmp_path / "new", Settings(), "hierarchical", seed)
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize(
@@ -94,19 +76,23 @@ def test_a_run_goes_on_with_the_compiler_it_was_made_with(
 
 
 def test_a_run_is_not_overwritten(run):
-    before = {path.name: path.read_bytes() for path in run.iterdir()}
+    before = small_runs.everything(run)
     with pytest.raises(RunError, match="holds a run already; --resume continues it"):
         RunFolder.create(run, Settings(), "hierarchical", 3)
-    assert {path.name: path.read_bytes() for path in run.iterdir()} == before
+    with pytest.raises(RunError, match=r"inside belongs to the run in .*run; choose another"):
+        RunFolder.create(run / "inside", Settings(), "hierarchical", 3)
+    assert small_runs.everything(run) == before
 
 
-def test_other_things_are_not_overwritten(tmp_path):
-    (tmp_path / "thesis.tex").write_text("precious")
+@pytest.mark.parametrize("name", ["thesis.tex", "settings.toml"])
+def test_other_things_are_not_overwritten(tmp_path, name):
+    """`train --settings DIR/settings.toml --out DIR` too; a run half made looks different."""
+    (tmp_path / name).write_text("precious")
     with pytest.raises(RunError, match="not empty and holds no run"):
         RunFolder.create(tmp_path, Settings(), "hierarchical", 0)
     with pytest.raises(RunError, match="is not a folder"):
-        require_empty(tmp_path / "thesis.tex")
-    assert os.listdir(tmp_path) == ["thesis.tex"]
+        require_empty(tmp_path / name)
+    assert (tmp_path / name).read_text() == "precious"
 
 
 def test_a_run_killed_while_being_made_can_be_made_again(run):
@@ -157,30 +143,31 @@ def test_a_missing_run_says_what_was_looked_for(tmp_path, operation):
             '{"format": "lanewise-run-3", "lanewise": "7.0.0"}',
             "has format lanewise-run-3 version 1, written by lanewise 7.0.0; this",
         ),
-        ("run.json", '{"format": "lanewise-run", "version": 2}', "no controller or seed"),
-        ("settings.toml", "", "altered after the run was made|other"),
-        ("settings.toml", "[scenario]\nlanes = 0\n", "scenario.lanes must be between"),
+        ("run.json", '{"format": "lanewise-run", "version": 2}', "was altered: its digest"),
+        ("settings.toml", "", "altered after the run was made"),
         ("settings.toml", "[scenario]\nlanes = 4\n", "altered after the run was made"),
+        ("settings.toml", None, "cannot read settings file"),
     ],
 )
-def test_damaged_runs(tmp_path, file, text, hint):
-    path = tmp_path / "run"
-    RunFolder.create(path, config.compose(trap="trap-10.9"), "hierarchical", 3).close()
-    (path / file).write_text(text)
+def test_damaged_runs(run, file, text, hint):
+    (run / file).unlink()
+    if text is not None:
+        (run / file).write_text(text)
     with pytest.raises(RunError, match=hint) as caught:
-        RunFolder.open(path)
+        RunFolder.open(run)
     assert len(str(caught.value).splitlines()) == 1
 
 
-def test_missing_settings(run):
-    (run / "settings.toml").unlink()
-    with pytest.raises(RunError, match="cannot read settings file"):
+def test_an_altered_identity_is_noticed(run):
+    manifest = json.loads((run / "run.json").read_text())
+    (run / "run.json").write_text(json.dumps(manifest | {"seed": 4}))
+    with pytest.raises(RunError, match="was altered: its digest is not its own"):
         RunFolder.open(run)
 
 
 def test_a_killed_process_leaves_no_lock(run):
     script = (
-        "import sys; from pathlib import Path; from lanewise.runs.folder import RunFolder\n"
+        "import sys; from pathlib import Path; from lanewise.runs.run_folder import RunFolder\n"
         f"folder = RunFolder.resume(Path({str(run)!r}))\n"
         "print('locked', flush=True)\n"
         "sys.stdin.read()"
@@ -196,49 +183,47 @@ def test_a_killed_process_leaves_no_lock(run):
     RunFolder.resume(run).close()
 
 
-def test_the_lock_is_exclusive_within_a_process_too(run):
-    with RunFolder.resume(run), pytest.raises(RunError, match="is in use"):
-        RunFolder.resume(run)
-    RunFolder.resume(run).close()
-
-
-def test_a_lock_file_that_is_deleted_lets_nobody_in(run):
+def test_the_folder_itself_is_locked_whatever_is_deleted_in_it(run):
     with RunFolder.resume(run):
-        (run / "lock").unlink(missing_ok=True)
-        with pytest.raises(RunError, match="is in use: another process is training in it"):
+        with pytest.raises(RunError, match="is in use"):
             RunFolder.resume(run)
         for file in run.iterdir():
             file.unlink()
-        with pytest.raises(RunError, match="is in use"):
+        with pytest.raises(RunError, match="is in use: another process is training in it"):
             RunFolder.create(run, Settings(), "hierarchical", 3)
 
 
-def test_settings_of_the_users_own_are_not_written_over(tmp_path):
-    """`train --settings DIR/settings.toml --out DIR`; a run half made looks different."""
-    (tmp_path / "settings.toml").write_text("# mine")
-    with pytest.raises(RunError, match="not empty and holds no run"):
-        RunFolder.create(tmp_path, Settings(), "hierarchical", 3)
-    assert (tmp_path / "settings.toml").read_text() == "# mine"
+@pytest.mark.parametrize("name", ["metrics.jsonl", "settings.toml", "checkpoints", "diverged"])
+@pytest.mark.parametrize("open_it", [RunFolder.open, RunFolder.resume])
+def test_a_link_in_a_run_is_refused_and_its_target_untouched(run, tmp_path, name, open_it):
+    """Going on would cut the file short, or delete from the folder."""
+    elsewhere = tmp_path / "precious"
+    if name in ("checkpoints", "diverged"):
+        elsewhere.mkdir()
+    else:
+        elsewhere.write_bytes((run / name).read_bytes() if (run / name).exists() else b"precious")
+    before = elsewhere.stat()
+    (run / name).unlink(missing_ok=True)
+    (run / name).symlink_to(elsewhere)
+    with pytest.raises(RunError, match=rf"{name}: (a link, not a regular file|not a folder)"):
+        open_it(run)
+    assert elsewhere.stat() == before
 
 
-def test_no_run_is_made_inside_another(run):
-    before = sorted(run.rglob("*"))
-    with pytest.raises(RunError, match=r"inside belongs to the run in .*run; choose another"):
-        RunFolder.create(run / "inside", Settings(), "hierarchical", 3)
-    assert sorted(run.rglob("*")) == before
+@pytest.mark.parametrize("name", ["metrics.jsonl", "settings.toml"])
+def test_a_pipe_is_not_waited_for(run, name):
+    (run / name).unlink(missing_ok=True)
+    os.mkfifo(run / name)
+    with pytest.raises(RunError, match="a pipe or a device"):
+        RunFolder.resume(run)
 
 
-def test_a_run_from_before_a_setting_is_still_read(tmp_path):
-    """As a later version would find it: a setting that is not in the file has its default."""
-    with RunFolder.create(tmp_path / "run", config.compose(), "single-level", 3) as made:
-        old = (made.path / "settings.toml").read_text().splitlines()
-    kept = "\n".join(line for line in old if not line.startswith("hold = ")) + "\n"
-    assert len(kept) < len("\n".join(old))
-    (made.path / "settings.toml").write_text(kept)
-    manifest = json.loads((made.path / "run.json").read_text())
-    manifest["settings_digest"] = hashlib.sha256(kept.encode()).hexdigest()
-    del manifest["digest"]  # which such a run does not have
-    (made.path / "run.json").write_text(json.dumps(manifest))
-    found = RunFolder.open(made.path)
-    assert found.settings == config.compose()
-    assert found.digest == manifest["settings_digest"]
+def test_a_finished_run_has_the_metrics_it_was_written_with(whole, tmp_path):
+    path = shutil.copytree(whole, tmp_path / "copy")
+    metrics, folder = (whole / "metrics.jsonl").read_bytes(), RunFolder.open(path)
+    assert run_state.training_metrics(folder) == run_state.training_metrics(RunFolder.open(whole))
+    last = metrics.splitlines(keepends=True)[-1]
+    for altered in (metrics.replace(b"0.", b"1.", 1), metrics + last):
+        folder.metrics.write_bytes(altered)
+        with pytest.raises(RunError, match="was altered"):
+            run_state.training_metrics(folder)

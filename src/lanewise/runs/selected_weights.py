@@ -1,4 +1,4 @@
-"""The weights that a stage kept beside its last ones, and whether they are an accident.
+"""The weights that a stage hands on beside its last ones, and whether they are an outlier.
 
 Both drive validation starts by which no weights were chosen (`training.host.compare`).
 """
@@ -9,20 +9,20 @@ from typing import Any
 
 from lanewise.training.selection import weighed
 
-FAR = 0.2
-"""Kept weights whose success or accidents are so far from the last ones' are an outlier."""
-OFF = 0.05
-"""Kept weights should do on fresh starts what they were chosen for, within this."""
+OUTLIER = 0.2
+"""Kept weights are an outlier if their success or accidents differ from the last ones' by more."""
+TOLERANCE = 0.05
+"""On fresh starts, kept weights should do what they were chosen for, within this."""
 
 
 @dataclass(frozen=True)
-class Kept:
+class SelectedWeights:
     """What one stage of a run handed on."""
 
     line: Mapping[str, Any]
     """Record of the metrics, of kind ``weights``."""
     chosen_for: float | None
-    """Their success in the validation they were chosen by; None if they were chosen otherwise."""
+    """Success in the validation by which they were chosen; None for another rule."""
 
     @property
     def stage(self) -> str:
@@ -31,7 +31,7 @@ class Kept:
 
     @property
     def score(self) -> float:
-        """What they are worth on fresh starts, as training chooses between its own."""
+        """Their score on fresh starts, as training chooses between its own weights."""
         names = ("success_rate", "accident_rate", "reward")
         return weighed(*(self.line[f"kept_{name}"] for name in names))
 
@@ -41,26 +41,27 @@ class Kept:
         line = self.line
         for name, what in (("success_rate", "success"), ("accident_rate", "accidents")):
             kept, last = line[f"kept_{name}"], line[f"last_{name}"]
-            if abs(kept - last) > FAR:
+            if abs(kept - last) > OUTLIER:
                 yield (
                     f"{what} {100 * kept:.1f} % with the kept weights, {100 * last:.1f} % with the "
                     f"last ones: what is kept is not what {self.stage} came to"
                 )
         kept = line["kept_success_rate"]
-        if self.chosen_for is not None and abs(kept - self.chosen_for) > OFF:
+        if self.chosen_for is not None and abs(kept - self.chosen_for) > TOLERANCE:
             yield (
                 f"chosen for {100 * self.chosen_for:.1f} % success, the kept weights of "
                 f"{self.stage} have {100 * kept:.1f} % on {line['fresh_episodes']:,} fresh starts"
             )
 
 
-def of_run(lines: Sequence[Mapping[str, Any]]) -> list[Kept]:
-    """By finished stage, in order; none of runs that did not look at it.
+def of_run(lines: Sequence[Mapping[str, Any]]) -> list[SelectedWeights]:
+    """The weights that each finished stage handed on, in order.
 
     Args:
         lines: the run's metrics.
     """
-    return [Kept(line, _chosen_for(line, lines)) for line in lines if line["kind"] == "weights"]
+    handed = (line for line in lines if line["kind"] == "weights")
+    return [SelectedWeights(line, _chosen_for(line, lines)) for line in handed]
 
 
 def _chosen_for(weights: Mapping[str, Any], lines: Sequence[Mapping[str, Any]]) -> float | None:

@@ -1,7 +1,7 @@
-"""Controllers that come with the package, called by name where a run folder is expected.
+"""Controllers called by name where a run folder is expected. Imports no JAX.
 
 ``pretrained/NAME`` is a trained one, stored as a run folder inside the package;
-``reference/NAME`` one that needs no training. A run folder of that path comes first. No JAX.
+``reference/NAME`` one that needs no training. A run folder of that path comes first.
 """
 
 from pathlib import Path
@@ -9,51 +9,51 @@ from pathlib import Path
 from lanewise.controllers.settings import REFERENCES
 from lanewise.errors import RunError, brief
 from lanewise.names import nearest
-from lanewise.runs.folder import RunFolder
+from lanewise.runs.run_folder import RunFolder
 
 PRETRAINED = Path(__file__).parent / "pretrained"
 """Where the trained ones lie."""
 
 
-def pretrained() -> tuple[str, ...]:
+def names() -> tuple[str, ...]:
     """Names of the trained controllers in the package."""
     return tuple(sorted(path.parent.name for path in PRETRAINED.glob("*/run.json")))
 
 
 def locate(path: Path) -> Path:
-    """The run folder of ``path``, in the package where it is called ``pretrained/NAME``.
+    """The run folder of ``path``; ``pretrained/NAME`` leads into the package.
 
     Raises:
-        RunError: there is none of that name.
+        RunError: there is no pretrained controller of that name.
     """
     if path.exists() or len(path.parts) != 2 or path.parts[0] != "pretrained":
         return path
-    return PRETRAINED / _known(path, pretrained())
+    return PRETRAINED / _known(path, names())
 
 
-def reference(path: Path) -> str | None:
-    """The name of the reference driver that ``path`` calls, None where it calls none.
+def reference_name(path: Path) -> str | None:
+    """The name of the reference driver that ``path`` names, None where it names none.
 
     Raises:
-        RunError: there is none of that name.
+        RunError: there is no reference driver of that name.
     """
     if path.exists() or len(path.parts) != 2 or path.parts[0] != "reference":
         return None
     return _known(path, REFERENCES)
 
 
-def controller(path: Path) -> str:
-    """Name of the controller that ``path`` leads to; looks at no weights.
+def controller_name(path: Path) -> str:
+    """Name of the controller that ``path`` leads to; reads no weights.
 
     Raises:
         RunError: there is no such run.
     """
-    return reference(path) or RunFolder.open(locate(path)).controller
+    return reference_name(path) or RunFolder.open(locate(path)).controller
 
 
-def _known(path: Path, names: tuple[str, ...]) -> str:
+def _known(path: Path, known: tuple[str, ...]) -> str:
     group, name = path.parts
-    if name in names:
+    if name in known:
         return name
-    hint = nearest(name, names) or f"known: {', '.join(names) or 'none'}"
+    hint = nearest(name, known) or f"known: {', '.join(known) or 'none'}"
     raise RunError(f'there is no {group} controller "{brief(name)}"; {hint}')

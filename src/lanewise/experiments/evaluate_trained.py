@@ -12,12 +12,12 @@ from lanewise.system.progress import Progress
 from lanewise.training import recipe
 
 
-def course(trained: Trained, renewal: str | None = None) -> TestCourse:
+def test_course(trained: Trained, renewal: str | None = None) -> TestCourse:
     """The test of a trained controller, with its own settings."""
     return recipe.test_course(trained.settings, trained.name, renewal, trained.parts)
 
 
-def test(
+def evaluate(
     trained: Trained,
     world: str,
     episodes: int,
@@ -26,16 +26,14 @@ def test(
     renewal: str | None = None,
 ) -> Episodes:
     """Drive the test episodes in ``lanewise`` or ``highway-env``."""
+    course = test_course(trained, renewal)
     if world == "lanewise":
         reporter.stage(trained.name, episodes)
-        return drive.test(
-            course(trained, renewal), trained.parameters, seed, episodes, reporter.update
-        )
+        return drive.test(course, trained.parameters, seed, episodes, reporter.update)
     twin = interop.twin()
     reporter.stage(f"{trained.name} in highway-env", episodes)
-    return twin.test(  # type: ignore[no-any-return]
-        course(trained, renewal), trained.parameters, seed, episodes, reporter.update
-    )
+    found: Episodes = twin.test(course, trained.parameters, seed, episodes, reporter.update)
+    return found
 
 
 def record(
@@ -48,4 +46,4 @@ def record(
     recorder: Callable[..., Recording] = drive.record
     if world == "highway-env":
         recorder = interop.twin().record
-    return recorder(course(trained), trained.parameters, seed, episode)
+    return recorder(test_course(trained), trained.parameters, seed, episode)

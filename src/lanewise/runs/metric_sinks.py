@@ -1,7 +1,7 @@
 """A run's metrics where people look: tables for spreadsheets, and TensorBoard's events if wanted.
 
-Both are made of ``metrics.jsonl`` and hold nothing else: they are written anew when a run is
-continued, so that nothing of what a kill has undone stays in them.
+Both are made of ``metrics.jsonl`` and hold nothing else. They are written anew when a run is
+continued, so that nothing that a kill has undone stays in them.
 """
 
 import csv
@@ -9,15 +9,14 @@ import os
 import shutil
 from collections.abc import Mapping
 from contextlib import ExitStack
-from types import TracebackType
-from typing import IO, Any, Protocol, Self
+from typing import Any, Protocol, Self
 
 from lanewise.extras import install, needed_for
-from lanewise.runs import metrics
-from lanewise.runs.files import OpenFolder
-from lanewise.runs.records import COLUMNS
+from lanewise.runs import metrics_file
+from lanewise.runs.metrics_file import COLUMNS
+from lanewise.system.folder_io import OpenFolder
 
-FILES = {"episode": "episodes.csv", "chunk": "chunks.csv"}
+TABLES = {"episode": "episodes.csv", "chunk": "chunks.csv"}
 """Tables by kind of record; a field that a record lacks is empty."""
 TENSORBOARD = "tensorboard"
 """Folder of TensorBoard's events, in the run's."""
@@ -26,26 +25,26 @@ LABELS = {
     "timestep_reward": "reward_one_a_second",
     "validation_reward": "validation_reward_one_a_second",
 }
-"""What TensorBoard calls the figures that do not say how they are counted."""
+"""What TensorBoard calls the figures whose names do not say how they are counted."""
 COUNTS = ("kind", "stage", "chunk")
 """Fields of a chunk that are no curves."""
 
 
-class View(Protocol):
-    """Something that shows metrics as they come."""
+class MetricSink(Protocol):
+    """Something that takes metrics as they come."""
 
     def append(self, record: Mapping[str, Any]) -> None:
-        """Show one record."""
+        """Take one record."""
 
     def close(self) -> None:
-        """Show no more."""
+        """Take no more."""
 
 
-class Views:
-    """All views of a run; to be used in a ``with`` block."""
+class MetricSinks:
+    """All sinks of a run; to be used in a ``with`` block."""
 
     def __init__(self, folder: OpenFolder, *, tensorboard: bool) -> None:
-        """Opens them and shows what is there.
+        """Opens them and gives them what the metrics file holds.
 
         Args:
             folder: of the run, its metrics file cut to what is safely stored.
@@ -54,46 +53,41 @@ class Views:
         Raises:
             LanewiseError: events are wanted and tensorboardX is not installed.
         """
-        with ExitStack() as opened:
-            self._views: list[View] = []
-            for kind in FILES:
-                self._views.append(Table(folder, kind))
-                opened.callback(self._views[-1].close)
+        self._sinks: list[MetricSink] = []
+        with ExitStack() as stack:
+            for kind in TABLES:
+                self._sinks.append(CsvTable(folder, kind))
+                stack.callback(self._sinks[-1].close)
             if tensorboard or (folder.path / TENSORBOARD).exists():
-                self._views.append(Events(folder))
-                opened.callback(self._views[-1].close)
-            for record in metrics.read(folder.path / "metrics.jsonl"):
+                self._sinks.append(TensorBoardEvents(folder))
+                stack.callback(self._sinks[-1].close)
+            for record in metrics_file.read(folder.path / "metrics.jsonl"):
                 self.append(record)
-            self._close = opened.pop_all()
+            self._close = stack.pop_all()
 
     def append(self, record: Mapping[str, Any]) -> None:
-        """Show one record everywhere."""
-        for view in self._views:
-            view.append(record)
+        """Give one record to all."""
+        for sink in self._sinks:
+            sink.append(record)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._close.close()
 
 
-class Table:
+class CsvTable:
     """The records of one kind as comma-separated values."""
 
     def __init__(self, folder: OpenFolder, kind: str) -> None:
         self._kind = kind
         folder.require_same()
-        # A file of its own: a backup may know the old one by another name.
-        folder.unlink(FILES[kind])
+        # A new file: a backup may hold the old one under another name.
+        folder.unlink(TABLES[kind])
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
-        file = os.open(FILES[kind], flags, 0o644, dir_fd=folder.descriptor)
-        self._file: IO[str] = os.fdopen(file, "w", encoding="utf-8", newline="")
+        file = os.open(TABLES[kind], flags, 0o644, dir_fd=folder.descriptor)
+        self._file = os.fdopen(file, "w", encoding="utf-8", newline="")
         self._rows = csv.DictWriter(self._file, COLUMNS[kind], lineterminator="\n")
         self._rows.writeheader()
 
@@ -110,14 +104,14 @@ class Table:
         self._file.close()
 
 
-class Events:
+class TensorBoardEvents:
     """Chunks as TensorBoard's scalars, by stage, over decisions."""
 
     def __init__(self, folder: OpenFolder) -> None:
-        writer = needed()
+        writer = tensorboard_writer()
         folder.require_same()
         shutil.rmtree(TENSORBOARD, ignore_errors=True, dir_fd=folder.descriptor)
-        # TensorBoard's writer knows names alone.
+        # TensorBoard's writer takes a name, no descriptor.
         self._writer = writer(str(folder.path / TENSORBOARD))
 
     def append(self, record: Mapping[str, Any]) -> None:
@@ -135,7 +129,7 @@ class Events:
         self._writer.close()
 
 
-def needed() -> Any:
+def tensorboard_writer() -> Any:
     """TensorboardX's writer.
 
     Raises:

@@ -1,9 +1,9 @@
-"""Kept weights beside the last ones: what is told of them, and when they are an accident."""
+"""Kept weights beside the last ones: what is told of them, and when they are an outlier."""
 
 import pytest
 
 from lanewise.report import weights
-from lanewise.runs import kept
+from lanewise.runs import selected_weights
 
 
 def lines(chosen=0.9, kept_success=0.9, last_success=0.9, kept_accidents=0.0, rule=None):
@@ -38,19 +38,15 @@ def lines(chosen=0.9, kept_success=0.9, last_success=0.9, kept_accidents=0.0, ru
         ({"kept_success": 0.8, "rule": "best-training"}, []),
     ],
 )
-def test_weights_that_are_an_accident_are_told(figures, says):
-    (found,) = kept.of_run(lines(**figures))
+def test_weights_that_are_an_outlier_are_told(figures, says):
+    (found,) = selected_weights.of_run(lines(**figures))
     warnings = list(found.warnings)
     assert len(warnings) == len(says)
     assert all(said in warning for said, warning in zip(says, warnings, strict=True))
 
 
 def test_the_table_holds_kept_and_last_side_by_side():
-    seeds = [kept.of_run(lines(kept_success=share))[0] for share in (0.8, 1.0)]
+    seeds = [selected_weights.of_run(lines(kept_success=share))[0] for share in (0.8, 1.0)]
     row = weights.table({"an arm": seeds}).splitlines()[2]
     assert "| best-validation | 90.0 (90.0 to 90.0) | 90.0 (80.0 to 100.0) | 90.0 (90.0" in row
     assert row.count("|") == len(weights.HEADS) + 1
-
-
-def test_runs_from_before_say_nothing_of_it():
-    assert kept.of_run(lines()[:-1]) == []

@@ -1,4 +1,4 @@
-"""What the report of an experiment has to say, before it is written down."""
+"""The data of an experiment's report, before it is written down."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -12,11 +12,11 @@ from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.figures import Drawn
 from lanewise.experiments.results import WORLDS, ArmResult, SeedResult
 from lanewise.report.arms import ArmFigures
-from lanewise.runs.kept import Kept
+from lanewise.runs.selected_weights import SelectedWeights
 
 
 @dataclass(frozen=True)
-class Content:
+class ReportData:
     """Everything the report says."""
 
     experiment: Experiment
@@ -46,12 +46,12 @@ class Content:
         return self.several_seeds or len(set(controllers)) < len(controllers)
 
     @property
-    def kept(self) -> dict[str, list[tuple[int, Kept]]]:
-        """By stage of an arm, as people call it, what each seed handed on."""
-        found: dict[str, list[tuple[int, Kept]]] = {}
+    def selected(self) -> dict[str, list[tuple[int, SelectedWeights]]]:
+        """By title of an arm's stage, the seeds and the weights each handed on."""
+        found: dict[str, list[tuple[int, SelectedWeights]]] = {}
         for result in self.results:
             for seed in result.seeds:
-                stages = seed.kept
+                stages = seed.selected
                 for each in stages:
                     title = result.arm.title
                     title += f", {each.stage}" if len(stages) > 1 else ""

@@ -1,0 +1,184 @@
+"""The jobs of an experiment: an arm with a seed, trained and then tested in both worlds."""
+
+import os
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lanewise import config
+from lanewise.errors import RunError
+from lanewise.experiments import evaluate_trained, stored_tests
+from lanewise.experiments.experiment import Experiment
+from lanewise.experiments.experiment_folder import RUNS
+from lanewise.experiments.stored_tests import SETTINGS, StoredTest
+from lanewise.runs import run_state, trained
+from lanewise.runs.run_folder import LARGEST_SETTINGS, STEP_1, RunFolder
+from lanewise.runs.trained import Trained
+from lanewise.runs.training_loop import train
+from lanewise.settings import Settings
+from lanewise.system import safe_io
+from lanewise.system.folder_io import OpenFolder, write_atomically
+from lanewise.system.progress import Progress
+from lanewise.training.plan import TrainingPlan
+
+
+@dataclass(frozen=True)
+class Job:
+    """An arm with a seed."""
+
+    arm: str
+    controller: str
+    """What is trained, or a reference driver."""
+    trains: bool
+    """Whether there is anything to train."""
+    settings: Settings
+    seed: int
+    """Of the training, and of the test starts."""
+    path: Path
+    """Run folder."""
+    high_level: Path | None
+    """Run whose step 1 is taken over."""
+    episodes: dict[str, int]
+    """Test episodes by world; worlds with none are left out."""
+
+    @property
+    def label(self) -> str:
+        """What people call it."""
+        return f"{self.arm}, seed {self.seed}"
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing of it is left to do.
+
+        Raises:
+            RunError: a test of it is damaged or of another run.
+        """
+        return all(self.tested(world) == count for world, count in self.episodes.items())
+
+    def tested(self, world: str) -> int:
+        """Episodes of its stored test in a world, 0 without one; errors as for `done`."""
+        return stored_tests.count(self.path, self.controller, world, self.identity)
+
+    def read_test(self, world: str) -> StoredTest | None:
+        """Its stored test in a world, None without one; errors as for `done`."""
+        return stored_tests.read(self.path, self.controller, world, self.identity)
+
+    def identity(self) -> dict[str, Any]:
+        """What a test of it remembers."""
+        weights = run_state.CONTROLLER if self.trains else None
+        return stored_tests.identity(self.path, self.seed, weights)
+
+
+def of_experiment(
+    experiment: Experiment,
+    out: Path,
+    first_seed: int,
+    trap: str,
+    overrides: Mapping[str, object],
+) -> list[Job]:
+    """Every job of an experiment, seed by seed within each arm.
+
+    Args:
+        experiment: arms and seeds.
+        out: its folder.
+        first_seed: the first of its seeds.
+        trap: scenario preset.
+        overrides: settings of the user's, by dotted name; they win over the arms'.
+    """
+
+    def path(arm: str, seed: int) -> Path:
+        return out / RUNS / arm / f"seed-{seed}"
+
+    found = []
+    for arm in experiment.arms:
+        settings = experiment.settings(arm, trap, overrides)
+        episodes = {
+            "lanewise": experiment.count(arm, "episodes"),
+            "highway-env": experiment.count(arm, "highway_env_episodes"),
+        }
+        for seed in range(first_seed, first_seed + experiment.count(arm, "seeds")):
+            found.append(
+                Job(
+                    arm=arm.name,
+                    controller=arm.controller,
+                    trains=arm.trained,
+                    settings=settings,
+                    seed=seed,
+                    path=path(arm.name, seed),
+                    high_level=path(arm.high_level, seed) if arm.high_level else None,
+                    episodes={world: count for world, count in episodes.items() if count},
+                )
+            )
+    return found
+
+
+def check(job: Job) -> None:
+    """Refuse a run folder that was made with other settings.
+
+    Raises:
+        RunError: says which differ; or the settings are damaged, or a link.
+        SettingsError: the file of a reference driver's settings does not hold any.
+    """
+    if (job.path / "run.json").exists():
+        RunFolder.resume(job.path, job.settings, job.controller, job.seed).close()
+    elif not job.trains and os.path.lexists(file := job.path / SETTINGS):
+        try:
+            data = safe_io.read_bytes(file, LARGEST_SETTINGS, links=False)
+        except safe_io.UnreadableError as error:
+            raise RunError(f"cannot read {file}: {error}; choose another folder") from error
+        difference = config.first_difference(config.compose_from(data, file), job.settings)
+        if difference:
+            raise RunError(f"{job.path} was tested with other settings: there {difference}")
+
+
+def run(job: Job, reporter: Progress, out: OpenFolder) -> dict[str, float]:
+    """Do what is left of a job.
+
+    Args:
+        job: below ``out``.
+        reporter: shows how far it is.
+        out: the experiment's folder.
+
+    Returns:
+        The seconds each part took now.
+
+    Raises:
+        RunError: the run is of something else, or damaged; or the experiment's folder was moved,
+            removed or replaced meanwhile.
+    """
+    times = {}
+    with out.inside(job.path.relative_to(out.path)) as place:
+        if job.trains:
+            with _run_folder(job, place) as folder:
+                if not run_state.is_finished(folder):
+                    began = time.monotonic()
+                    # A run that was stopped after it took over step 1 has it already.
+                    taken = run_state.has_stage(folder, STEP_1)
+                    plan = TrainingPlan.build(folder.settings, folder.controller)
+                    train(folder, plan, reporter, high_level=None if taken else job.high_level)
+                    times[f"train {job.label}"] = time.monotonic() - began
+            controller = trained.load(job.path)
+        else:
+            check(job)
+            # Tests remember the file's digest, so a file with the same settings stays as it is.
+            if not (job.path / SETTINGS).exists():
+                write_atomically(place, {SETTINGS: config.dump_toml(job.settings).encode()})
+            controller = Trained(job.controller, job.settings, job.seed, {})
+        for world, count in job.episodes.items():
+            if job.tested(world) == count:
+                continue
+            began = time.monotonic()
+            episodes = evaluate_trained.evaluate(controller, world, count, job.seed, reporter)
+            seconds = times[f"test {job.label} in {world}"] = time.monotonic() - began
+            place.require_same()
+            stored_tests.store(place, controller.name, world, episodes, seconds, job.identity())
+    return times
+
+
+def _run_folder(job: Job, place: OpenFolder) -> RunFolder:
+    """The run's folder, to be continued or new."""
+    if (job.path / "run.json").exists():
+        return RunFolder.resume(place, job.settings, job.controller, job.seed)
+    return RunFolder.create(place, job.settings, job.controller, job.seed)

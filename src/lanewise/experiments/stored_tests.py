@@ -1,0 +1,179 @@
+"""The tests of a run on disk: ``tests/WORLD.csv``, the episodes, and ``tests/WORLD.json``.
+
+A test remembers the seed, the settings and the weights it was made with, so that it counts for its
+own run alone.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lanewise.errors import CheckpointError, RunError
+from lanewise.evaluation import metrics
+from lanewise.evaluation.episodes import Episodes
+from lanewise.evaluation.metrics import Summary
+from lanewise.report import provenance
+from lanewise.runs import checkpoint
+from lanewise.runs.run_folder import LARGEST_SETTINGS
+from lanewise.system import safe_io
+from lanewise.system.folder_io import OpenFolder, write_atomically
+
+SETTINGS = "settings.toml"
+"""What a run was made with; of a reference driver, what it was tested with."""
+TESTS = "tests"
+"""Folder of a run that holds its tests."""
+_LARGEST_TABLE, _LARGEST_SUMMARY = 64_000_000, 100_000
+"""Bytes of a test's episodes and of its summary."""
+_FORMAT, _VERSION = "lanewise-test", 1
+_REMEDY = "; delete it, and the test is driven again"
+
+RunIdentity = Callable[[], dict[str, Any]]
+"""Returns a run's `identity`; called only where there is a test to compare."""
+
+
+@dataclass(frozen=True)
+class StoredTest:
+    """A test in one world."""
+
+    summary: Summary
+    episodes: Episodes
+    seconds: float
+    """Wall time of the test."""
+
+
+def identity(path: Path, seed: int, weights: str | None) -> dict[str, Any]:
+    """What a test remembers of its run.
+
+    Args:
+        path: the run folder.
+        seed: of the run.
+        weights: file name of its controller; None for a reference driver.
+
+    Raises:
+        UnreadableError: the settings cannot be read.
+        CheckpointError: there are no weights, or they are damaged.
+    """
+    text = safe_io.read_bytes(path / SETTINGS, LARGEST_SETTINGS, links=False)
+    return {
+        "seed": seed,
+        "settings_sha256": _sha256(text),
+        "weights_sha256": checkpoint.read_digest(path, weights) if weights else None,
+    }
+
+
+def store(
+    place: OpenFolder,
+    controller: str,
+    world: str,
+    episodes: Episodes,
+    seconds: float,
+    run: Mapping[str, Any],
+) -> None:
+    """Keep a test in its run's folder.
+
+    Args:
+        place: the run's folder.
+        controller: its name.
+        world: where it was tested.
+        episodes: the outcomes.
+        seconds: wall time of the test.
+        run: its `identity`.
+    """
+    table = metrics.to_csv(episodes).encode()
+    stored: dict[str, Any] = {
+        "format": _FORMAT,
+        "version": _VERSION,
+        "summary": metrics.summarise(episodes, controller=controller, world=world).to_json(),
+        "seconds": round(seconds, 2),
+        "run": run,
+        **provenance.source(),
+        "versions": provenance.versions(),
+        "machine": provenance.machine(),
+        "episodes_sha256": _sha256(table),
+    }
+    text = json.dumps(stored | {"digest": safe_io.digest(stored)}, indent=1) + "\n"
+    _folder_of(place.path)
+    with place.inside(TESTS) as folder:
+        write_atomically(folder, {f"{world}.csv": table, f"{world}.json": text.encode()})
+
+
+def count(path: Path, controller: str, world: str, run: RunIdentity) -> int:
+    """Episodes of a stored test; 0 where there is none.
+
+    Args:
+        path: the run folder.
+        controller: its name.
+        world: where it was tested.
+        run: returns its `identity`.
+
+    Raises:
+        RunError: the test is damaged or of another run, or its folder is a link.
+    """
+    stored = _read(path, controller, world, run)
+    return 0 if stored is None else int(stored["summary"]["episodes"])
+
+
+def read(path: Path, controller: str, world: str, run: RunIdentity) -> StoredTest | None:
+    """A stored test, None where there is none; arguments and errors as for `count`."""
+    stored = _read(path, controller, world, run)
+    if stored is None:
+        return None
+    table = path / TESTS / f"{world}.csv"
+    content = _contents(table, _LARGEST_TABLE)
+    if _sha256(content) != stored["episodes_sha256"]:
+        raise RunError(f"{table} was altered{_REMEDY}")
+    episodes = metrics.from_csv(content.decode("utf-8"))
+    summary = metrics.summarise(episodes, controller=controller, world=world)
+    return StoredTest(summary, episodes, stored["seconds"])
+
+
+def _read(path: Path, controller: str, world: str, run: RunIdentity) -> dict[str, Any] | None:
+    """The summary of a test, once it is sure that it is one of this run."""
+    file = _folder_of(path) / f"{world}.json"
+    if not os.path.lexists(file):
+        return None
+    try:
+        stored: dict[str, Any] = safe_io.parse_json(_contents(file, _LARGEST_SUMMARY))
+    except ValueError as error:
+        raise RunError(f"{file} is damaged{_REMEDY}") from error
+    if other := safe_io.format_mismatch(stored, _FORMAT, _VERSION):
+        raise RunError(f"{file} {other}")
+    if not isinstance(stored, dict) or stored.get("digest") != safe_io.digest(stored):
+        raise RunError(f"{file} is damaged{_REMEDY}")
+    try:
+        expected = run()
+    except (CheckpointError, safe_io.UnreadableError) as error:
+        raise RunError(f"{file} cannot be matched to its run: {error}{_REMEDY}") from error
+    tested = (stored["summary"]["controller"], stored["summary"]["world"], stored["run"])
+    if tested != (controller, world, expected):
+        raise RunError(f"{file} is a test of another run{_REMEDY}")
+    return stored
+
+
+def _folder_of(path: Path) -> Path:
+    """The folder of a run's tests, which may be missing.
+
+    Raises:
+        RunError: it is a link, which leads to another place, or no folder.
+    """
+    folder = path / TESTS
+    try:
+        safe_io.require_plain(folder, folder=True)
+    except safe_io.UnreadableError as error:
+        raise RunError(f"cannot use {folder}: {error}{_REMEDY}") from error
+    return folder
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _contents(file: Path, largest: int) -> bytes:
+    try:
+        return safe_io.read_bytes(file, largest, links=False)
+    except safe_io.UnreadableError as error:
+        raise RunError(f"cannot read {file}: {error}{_REMEDY}") from error

@@ -1,0 +1,213 @@
+"""Trainings whose numbers stopped being finite: what is kept of them, and how to look again.
+
+``DIR/diverged/`` holds ``found.json``, what was not finite and where, and ``before``, the stage's
+state before the chunk in which it happened. The run's checkpoints and metrics stay as the chunks
+before it left them.
+"""
+
+import json
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+from lanewise.controllers.controller import Parameters
+from lanewise.driving.parts import OURS, Parts
+from lanewise.errors import NumbersError, RunError
+from lanewise.runs import checkpoint, pytree_io, run_state
+from lanewise.runs.run_folder import RunFolder
+from lanewise.system import pinned
+from lanewise.system.folder_io import write_atomically
+from lanewise.system.version import __version__
+from lanewise.training import findings, stage
+from lanewise.training.findings import Finding
+from lanewise.training.host import Ledger, StagePlan, StageProgress
+from lanewise.training.plan import TrainingPlan
+from lanewise.training.stage import CHUNK, ChunkMetrics, StageState
+
+FOLDER, BEFORE, FOUND = "diverged", "before", "found.json"
+_LEARNING_RATE = "a lower learner.learning_rate of {level} may help, in a new run"
+_FUNCTION = "mend the function that {does}, then resuming goes on before it"
+ADVICE = {
+    "observation": _FUNCTION.format(does="observes or makes the start"),
+    "reward": _FUNCTION.format(does="rewards"),
+    "vehicles": _FUNCTION.format(does="makes the start"),
+    "transitions": _FUNCTION.format(does="observes or rewards"),
+    "loss": _LEARNING_RATE,
+    "weights": _LEARNING_RATE,
+    "validation": _FUNCTION.format(does="did it"),
+}
+"""What to do, by what was found first."""
+
+
+@dataclass(frozen=True)
+class FirstNonfinite:
+    """The first iteration of a chunk that left something behind that is not finite."""
+
+    stage: str
+    """Name of the stage."""
+    chunk: int
+    """Number of the chunk, as in metrics."""
+    iteration: int
+    """Of the chunk, from 1 on."""
+    found: tuple[Finding, ...]
+    """What is not finite, likely causes first."""
+    observation: NDArray[np.float32]
+    """[worlds, n] what every ego observes after it."""
+    reward: NDArray[np.float32]
+    """[worlds] the rewards of its decisions."""
+    loss: dict[str, float]
+    """Mean loss of its updates, by level that had any."""
+    weights: dict[str, list[str]]
+    """Arrays of the learner that are not finite, by level that learns."""
+    before: StageState
+    """The stage before the iteration."""
+    after: StageState
+    """The stage after it."""
+
+
+def save(
+    folder: RunFolder,
+    index: int,
+    plan: StagePlan,
+    frozen: Parameters,
+    stored: StageProgress,
+    reached: Ledger,
+    error: NumbersError,
+) -> NumbersError:
+    """Keep what is needed to see a failure again.
+
+    The chunk has consumed the state it began with. Chunks repeat to the bit, so the stage is
+    driven there once more, from where the run would be resumed.
+
+    Args:
+        folder: the run.
+        index: number of the stage.
+        plan: the stage.
+        frozen: parameters of levels that do not learn here.
+        stored: the stage as its newest checkpoint holds it, or at its beginning; consumed.
+        reached: the counters before the chunk that failed.
+        error: what was found in that chunk.
+
+    Returns:
+        The error to show to the user.
+    """
+    state = stored.state
+    for _ in range(reached.chunks - stored.ledger.chunks):
+        state, _ = stage.advance(plan.course, frozen, state)
+    meta = {"stage": index, "chunks": reached.chunks, "message": str(error)}
+    with folder.held.inside(FOLDER) as place:
+        checkpoint.save(place, BEFORE, state, meta, folder.digest)
+    _, metrics = stage.advance(plan.course, frozen, state)
+    again = [asdict(one) for one in findings.of(jax.device_get(metrics.finite))]
+    found, first = list(error.found), error.found[0]
+    about: dict[str, Any] = {
+        "message": str(error),
+        "stage": plan.name,
+        "chunk": reached.chunks + 1,
+        "decisions_before": reached.decisions,
+        "worlds": plan.course.budget.worlds,
+        "found": found,
+        # A validation is not driven again here; its message names the episode.
+        "found_again": None if again == [] and first["what"] == "validation" else again == found,
+        "controller": folder.controller,
+        "seed": folder.seed,
+        "settings_digest": folder.digest,
+        "parts": list(folder.parts),
+        "lanewise": __version__,
+        "jax": jax.__version__,
+    }
+    with folder.held.inside(FOLDER) as place:
+        write_atomically(place, {FOUND: (json.dumps(about, indent=1) + "\n").encode()})
+    advice = ADVICE[first["what"]].format(level=first["level"])
+    call = f"lanewise.runs.divergence.find_first_nonfinite({str(folder.path)!r})"
+    return NumbersError(
+        f"{error}; training stopped, earlier chunks are kept\n"
+        f"  {advice}; {call} shows it ({folder.path / FOLDER})",
+        error.found,
+    )
+
+
+def find_first_nonfinite(path: Path | str, parts: Parts = OURS) -> FirstNonfinite:
+    """Drive once more through the chunk in which a training's numbers stopped being finite.
+
+    Iteration by iteration; compiled that way, last digits may differ from those of a whole chunk.
+
+    Args:
+        path: the run folder.
+        parts: the user's own functions it is trained with.
+
+    Raises:
+        RunError: the run did not diverge, or was made with other parts.
+        CheckpointError: what was kept is damaged.
+        NumbersError: this time all numbers are finite.
+    """
+    folder = RunFolder.open(Path(path))
+    folder.check_parts(parts.names())
+    place = folder.path / FOLDER
+    if not (place / f"{BEFORE}.json").exists():
+        raise RunError(f"{folder.path} holds no training whose numbers went wrong")
+    training = TrainingPlan.build(folder.settings, folder.controller, parts)
+    meta = checkpoint.read_meta(place, BEFORE, folder.digest)
+    index, chunk = meta["stage"], meta["chunks"] + 1
+    shapes = training.progress(index)["state"]
+    before: StageState = checkpoint.load(place, BEFORE, shapes, folder.digest).tree
+    frozen: Parameters = {}
+    for earlier in training.stages[:index]:
+        frozen = frozen | run_state.load_stage(folder, training, earlier.name)
+    plan = training.stages[index]
+    iterate_once = pinned.jit()(partial(stage.iterate, plan.course, frozen, count=1))
+    for iteration in range(1, CHUNK + 1):
+        after, metrics = iterate_once(before)
+        found = findings.of(jax.device_get(metrics.finite))
+        if found:
+            since = replace(found[0], iteration=iteration)
+            every = (since, *found[1:])
+            return _describe(plan.name, chunk, iteration, every, before, after, metrics)
+        before = after
+    raise NumbersError(
+        f"this time every number of {plan.name}, chunk {chunk} is finite; found had been:\n"
+        f"  {meta['message']}"
+    )
+
+
+def _describe(
+    name: str,
+    chunk: int,
+    iteration: int,
+    found: tuple[Finding, ...],
+    before: StageState,
+    after: StageState,
+    metrics: ChunkMetrics,
+) -> FirstNonfinite:
+    finished = jax.device_get(metrics.finished)
+    under_way = np.asarray(after.rollouts.tally.reward)
+    # An episode that ended has left its world; the facts hold its sum.
+    total = np.where(finished.done[0], finished.reward[0], under_way)
+    return FirstNonfinite(
+        stage=name,
+        chunk=chunk,
+        iteration=iteration,
+        found=found,
+        observation=np.asarray(after.rollouts.percept.features),
+        reward=total - np.asarray(before.rollouts.tally.reward),
+        loss={
+            level: float(figures.loss)
+            for level, figures in metrics.levels.items()
+            if figures.updates > before.learners[level].updates
+        },
+        weights={
+            level: [
+                array
+                for array, values in pytree_io.flatten(learner).items()
+                if not np.isfinite(values).all()
+            ]
+            for level, learner in after.learners.items()
+        },
+        before=before,
+        after=after,
+    )

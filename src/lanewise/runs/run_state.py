@@ -1,0 +1,191 @@
+"""What a run has on disk: its finished stages, the newest checkpoint, its controller."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lanewise.controllers.controller import Parameters
+from lanewise.errors import CheckpointError, RunError
+from lanewise.runs import checkpoint, metrics_file
+from lanewise.runs.checkpoint import Checkpoint
+from lanewise.runs.run_folder import STAGES, RunFolder, open_high_level
+from lanewise.system.version import __version__
+from lanewise.training import recipe
+from lanewise.training.host import StageProgress
+from lanewise.training.plan import TrainingPlan, restored_progress
+
+CONTROLLER = "controller"
+"""File name of a finished run's controller."""
+
+
+@dataclass(frozen=True)
+class RunState:
+    """What a stopped run goes on from."""
+
+    handed: dict[str, Parameters]
+    """What each finished stage handed on, by its name."""
+    checkpoint: Checkpoint | None
+    """Of the stage under way, if it has one yet."""
+    warning: str
+    """About newer checkpoints that cannot be used; often empty."""
+    unusable: tuple[str, ...]
+    """Their names."""
+    metrics_bytes: int
+    """How much of the metrics file belongs to all this."""
+
+
+def read(folder: RunFolder, plan: TrainingPlan) -> RunState:
+    """Read a stopped run as a whole, before anything in it changes.
+
+    Raises:
+        CheckpointError: a stored file is damaged beyond falling back.
+        RunError: its metrics are.
+    """
+    done = finished_stages(folder)
+    handed = {name: load_stage(folder, plan, name) for name in done}
+    found, warning, unusable = newest_checkpoint(folder, plan, len(done))
+    meta = {"metrics_bytes": 0}
+    if found is not None:
+        meta = found.meta
+    elif done:
+        meta = _stage_meta(folder, done[-1])
+        metrics_file.read_marked(folder.metrics, meta)
+    return RunState(handed, found, warning, unusable, meta["metrics_bytes"])
+
+
+def newest_checkpoint(
+    folder: RunFolder, plan: TrainingPlan, index: int
+) -> tuple[Checkpoint | None, str, tuple[str, ...]]:
+    """The newest undamaged checkpoint of a stage that the metrics reach.
+
+    Where a run was copied while it was trained, the metrics may be older than a checkpoint.
+
+    Returns:
+        The checkpoint, None where there is none; a warning about newer ones that cannot be used,
+        often empty; their names.
+
+    Raises:
+        CheckpointError: none of the stage's checkpoints can be used, or there are some of a later
+            stage.
+    """
+    names = checkpoint.names(folder.checkpoints)
+    prefix = checkpoint.stage_prefix(index)
+    if after := [name for name in names if name[: len(prefix)] > prefix]:
+        # To begin anew here would throw away what comes after.
+        lost = folder.stages / f"{plan.stages[index].name}.json"
+        raise CheckpointError(f"{lost} is missing, though {after[0]} comes after it")
+    ours = [name for name in names if name.startswith(prefix)]
+    if not ours:
+        return None, "", ()
+
+    def accept(meta: dict[str, Any]) -> None:
+        check_seed(folder, meta, folder.checkpoints)
+        metrics_file.read_marked(folder.metrics, meta)
+
+    found, warning = checkpoint.newest_valid(
+        folder.checkpoints, plan.progress(index), folder.digest, prefix, accept
+    )
+    assert found is not None, "there are some"
+    return found, warning, tuple(name for name in ours if name > found.name)
+
+
+def progress_of(found: Checkpoint) -> StageProgress:
+    """The stage under way that a checkpoint holds."""
+    return restored_progress(found.tree, found.meta["ledger"])
+
+
+def is_finished(folder: RunFolder) -> bool:
+    """Whether the run has its controller."""
+    # A link that leads nowhere counts, and is refused when it is read.
+    return os.path.lexists(folder.path / f"{CONTROLLER}.json")
+
+
+def has_stage(folder: RunFolder, name: str) -> bool:
+    """Whether a stage is finished."""
+    return os.path.lexists(folder.stages / f"{name}.json")
+
+
+def finished_stages(folder: RunFolder) -> list[str]:
+    """Names of the finished stages, in order."""
+    names = [stage.name for stage in recipe.RECIPES[folder.controller]]
+    return [name for name in names if has_stage(folder, name)]
+
+
+def save_stage(folder: RunFolder, name: str, weights: Parameters, meta: dict[str, Any]) -> None:
+    """Store what a stage hands on: the parameters of the levels that learnt in it."""
+    with folder.held.inside(STAGES) as place:
+        checkpoint.save(place, name, weights, meta | {"seed": folder.seed}, folder.digest)
+
+
+def load_stage(folder: RunFolder, plan: TrainingPlan, name: str) -> Parameters:
+    """What a stage handed on.
+
+    Raises:
+        CheckpointError: it is missing or damaged, or belongs to another run.
+    """
+    stored = checkpoint.load(folder.stages, name, plan.weights[name], folder.digest)
+    check_seed(folder, stored.meta, folder.stages / name)
+    weights: Parameters = stored.tree
+    return weights
+
+
+def save_controller(folder: RunFolder, parameters: Parameters) -> None:
+    """Store the finished controller."""
+    meta = {"controller": folder.controller, "seed": folder.seed, "lanewise": __version__}
+    checkpoint.save(folder.held, CONTROLLER, parameters, meta, folder.digest)
+
+
+def weights_digest(folder: RunFolder) -> str:
+    """SHA-256 of a finished run's weights, which stands for all of the training behind them."""
+    return checkpoint.read_digest(folder.path, CONTROLLER)
+
+
+def transfer_high_level(folder: RunFolder, plan: TrainingPlan, source: Path) -> None:
+    """Copy the step-1 result of another run into this one, so that only step 2 is trained.
+
+    Raises:
+        RunError: this run has its own step 1, or the other has none, or the two high levels differ
+            in shape or in what they observe.
+    """
+    name = recipe.STEP_1.name
+    if has_stage(folder, name):
+        raise RunError(f"{folder.path} has its own step 1 already; resume it without --high-level")
+    lender = open_high_level(source, folder.settings, plan.parts.names())
+    meta = {
+        "taken_from_seed": lender.seed,
+        "taken_from_settings": lender.digest,
+        "metrics_bytes": 0,
+    }
+    # Its high level has the shapes of this plan's, as was checked.
+    save_stage(folder, name, load_stage(lender, plan, name), meta)
+
+
+def training_metrics(folder: RunFolder) -> list[dict[str, Any]]:
+    """The metrics of a run in full; those of its finished stages as they were written.
+
+    Raises:
+        RunError: the file is damaged or was altered.
+    """
+    done = finished_stages(folder)
+    if done:
+        written = metrics_file.read_marked(folder.metrics, _stage_meta(folder, done[-1]))
+        found = metrics_file.read_records(folder.metrics)
+        if len(done) == len(recipe.RECIPES[folder.controller]) and len(found) > len(written):
+            raise RunError(f"{folder.metrics} was altered: it goes on after the end of the run")
+        return found
+    return metrics_file.read_records(folder.metrics)
+
+
+def check_seed(folder: RunFolder, meta: dict[str, Any], file: Path) -> None:
+    """Refuse what belongs to a run with another seed.
+
+    Raises:
+        CheckpointError: names the file.
+    """
+    if meta["seed"] != folder.seed:
+        raise CheckpointError(f"{file} is of another run: its seed is not {folder.seed}")
+
+
+def _stage_meta(folder: RunFolder, name: str) -> dict[str, Any]:
+    return checkpoint.read_meta(folder.stages, name, folder.digest)

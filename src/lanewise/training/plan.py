@@ -1,0 +1,143 @@
+"""The plan of a training: all that follows from its settings, built once and passed down."""
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
+
+import jax
+
+from lanewise.controllers.controller import Parameters
+from lanewise.driving.parts import OURS, Parts, named
+from lanewise.errors import SettingsError
+from lanewise.evaluation import drive
+from lanewise.learning import network
+from lanewise.scenario.trap import SPLITS
+from lanewise.system import pinned
+from lanewise.training import recipe, selection, stage
+from lanewise.training.host import Ledger, StagePlan, StageProgress
+from lanewise.training.recipe import RecipeSettings
+
+
+@dataclass(frozen=True)
+class TrainingPlan:
+    """The stages of a training, and the shapes of what they store."""
+
+    settings: RecipeSettings
+    controller: str
+    """What is trained: a name in `recipe.RECIPES`."""
+    parts: Parts
+    """The user's own functions."""
+    stages: tuple[StagePlan, ...]
+    """In order; a later one finds the levels of the earlier ones frozen."""
+
+    @classmethod
+    def build(
+        cls, settings: RecipeSettings, controller: str, parts: Parts = OURS
+    ) -> "TrainingPlan":
+        """The plan of a controller's training.
+
+        Raises:
+            SettingsError: a function of the user's fails, or returns something else than it must.
+        """
+        stages = tuple(
+            StagePlan(
+                name=each.name,
+                course=recipe.course(settings, each, parts),
+                validation=recipe.validation_course(settings, each, parts),
+                validation_episodes=settings.evaluation.validation_episodes,
+                validation_interval=settings.evaluation.validation_interval,
+                fresh_episodes=settings.evaluation.fresh_episodes,
+            )
+            for each in recipe.RECIPES[controller]
+        )
+        return cls(settings, controller, parts, stages)
+
+    @cached_property
+    def weights(self) -> dict[str, Parameters]:
+        """Shapes of the networks that learn, by stage."""
+        with pinned.switches():
+            return {each.name: jax.eval_shape(partial(_networks, each)) for each in self.stages}
+
+    @property
+    def parameters(self) -> Parameters:
+        """Shapes of the finished controller's networks."""
+        return self.frozen(len(self.stages))
+
+    def frozen(self, index: int) -> Parameters:
+        """Shapes of the networks that are frozen in a stage: those of all earlier ones."""
+        found: Parameters = {}
+        for each in self.stages[:index]:
+            found = found | self.weights[each.name]
+        return found
+
+    @pinned.switches()
+    def progress(self, index: int) -> dict[str, Any]:
+        """Shapes of `stored_progress` in a stage."""
+        plan = self.stages[index]
+        state = jax.eval_shape(
+            lambda frozen: stage.begin(plan.course, frozen, pinned.key(0)), self.frozen(index)
+        )
+        weights = self.weights[plan.name]
+        window = selection.no_window(plan.course.budget.keep, weights)
+        return {"state": state, "best": weights, "window": window}
+
+    def trace(self) -> int:
+        """Try the user's own functions in full: trace all programs of the training.
+
+        Nothing runs, and JAX keeps what it has traced for the training.
+
+        Returns:
+            Length of an observation.
+
+        Raises:
+            SettingsError: a function fails, or returns something else than it must.
+        """
+        scenario, driving = self.settings.scenario, self.settings.driving
+        observed = self.parts.try_out(scenario, driving)
+        if not self.parts.names():
+            return observed
+        for split in SPLITS:
+            length = self.parts.try_out(scenario, driving, split)
+            if length != observed:
+                raise SettingsError(
+                    f"{self.parts.called('observe')} returns {observed} numbers in training and "
+                    f"{length} in {split}; it must return as many"
+                )
+        with named(f"{'; '.join(self.parts.names())} (in a training)"):
+            for index, each in enumerate(self.stages):
+                state, frozen = self.progress(index)["state"], self.frozen(index)
+                jax.eval_shape(partial(stage.advance, each.course), frozen, state)
+                worlds = jax.eval_shape(partial(drive.start_block, each.validation, 0, 0))
+                levels = frozen | self.weights[each.name]
+                jax.eval_shape(partial(drive.drive_block, each.validation), levels, worlds)
+        return observed
+
+
+def stored_progress(progress: StageProgress) -> dict[str, Any]:
+    """The arrays of a stage under way that a checkpoint holds."""
+    return {"state": progress.state, "best": progress.best, "window": progress.window}
+
+
+def restored_progress(arrays: dict[str, Any], ledger: dict[str, Any]) -> StageProgress:
+    """A stage under way as it was stored.
+
+    Args:
+        arrays: as `stored_progress` returned them.
+        ledger: the fields of the `Ledger`, tuples as lists.
+    """
+    counters: dict[str, Any] = {
+        k: tuple(v) if isinstance(v, list) else v for k, v in ledger.items()
+    }
+    best, window = jax.device_get((arrays["best"], arrays["window"]))
+    return StageProgress(arrays["state"], best, window, Ledger(**counters))
+
+
+def _networks(plan: StagePlan) -> Parameters:
+    """Fresh networks of the levels that learn in a stage."""
+    found: Parameters = {}
+    for name, how in plan.course.learning:
+        level = plan.course.level(name)
+        found[name] = network.init(
+            pinned.key(0), level.feature_count, how.learner.hidden, level.choice_count
+        )
+    return found

@@ -1,0 +1,389 @@
+"""A run that is stopped anywhere and continued ends in the same bytes as one that never was."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+
+import pytest
+import small_runs
+from small_runs import Quiet, results, resume
+
+from lanewise import cli
+from lanewise.errors import LanewiseError, RunError
+from lanewise.evaluation import drive
+from lanewise.runs import checkpoint, metrics_file, trained, training_loop
+from lanewise.system import folder_io, version
+from lanewise.training import host, recipe
+
+FLAGS = small_runs.flags(chunks=5)
+pytestmark = pytest.mark.usefixtures("save_every_chunk", "hears_ctrl_c")
+
+
+def press_ctrl_c():
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def create(path, seed=4, controller="hierarchical"):
+    return small_runs.create(path, FLAGS, controller, seed)
+
+
+@pytest.fixture
+def save_only_when_stopped(save_every_chunk, monkeypatch):
+    monkeypatch.setattr(training_loop, "INTERVAL", 1e9)
+
+
+@pytest.mark.usefixtures("save_only_when_stopped")
+@pytest.mark.parametrize("at", [("step-1", 3), ("step-1", 5), ("step-2", 0)], ids=str)
+def test_ctrl_c_and_resume_give_the_same_bytes(tmp_path, whole, at):
+    path = tmp_path / "run"
+    with create(path) as folder, pytest.raises(KeyboardInterrupt):
+        small_runs.train(folder, Quiet(at, press_ctrl_c))
+    assert not (path / "controller.json").exists()
+    if at[1]:
+        assert list(folder.checkpoints.glob(f"*chunk-{at[1]:08d}.json"))
+    resume(path)
+    assert results(path) == results(whole)
+
+
+@pytest.mark.slow
+def test_both_levels_of_h_dqn_resume_to_the_same_bytes(tmp_path, monkeypatch):
+    with create(tmp_path / "whole", controller="h-dqn") as folder:
+        small_runs.train(folder)
+    monkeypatch.setattr(training_loop, "INTERVAL", 1e9)
+    path = tmp_path / "run"
+    with create(path, controller="h-dqn") as folder, pytest.raises(KeyboardInterrupt):
+        small_runs.train(folder, Quiet(("h-dqn", 2), press_ctrl_c))
+    resume(path)
+    assert results(path) == results(tmp_path / "whole")
+    stored = trained.load(path).parameters
+    assert {name: weights[0][0].shape for name, weights in stored.items()} == {
+        "high_level": (26, 16),
+        "low_level": (28, 16),
+    }
+    # Its chunks have the most fields: each has a column.
+    for record in metrics_file.read_records(path / "metrics.jsonl"):
+        assert set(record) - {"kind"} <= set(metrics_file.COLUMNS[record["kind"]])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("at", [6, 8])
+def test_a_window_of_validations_goes_on_where_it_was(tmp_path, at, monkeypatch):
+    """The weights of more validations than are held at once."""
+    flags = small_runs.flags(chunks=9) | {"evaluation.validation_interval": 1}
+    with small_runs.create(tmp_path / "whole", flags, "single-level", 4) as folder:
+        small_runs.train(folder)
+    monkeypatch.setattr(training_loop, "INTERVAL", 1e9)
+    path, stop = tmp_path / "run", Quiet(("single-level", at), press_ctrl_c)
+    with (
+        small_runs.create(path, flags, "single-level", 4) as folder,
+        pytest.raises(KeyboardInterrupt),
+    ):
+        small_runs.train(folder, stop)
+    resume(path)
+    assert results(path) == results(tmp_path / "whole")
+
+
+def test_a_finished_run_is_complete_and_not_trained_again(whole):
+    assert list((whole / "checkpoints").iterdir()) == []
+    before = results(whole)
+    with pytest.raises(RunError, match="is finished"):
+        resume(whole)
+    assert results(whole) == before
+
+
+def test_what_is_told_of_kept_weights_is_true_of_the_controller(whole):
+    lines = metrics_file.read_records(whole / "metrics.jsonl")
+    told = [line for line in lines if line["kind"] == "weights"]
+    assert [line["stage"] for line in told] == ["step-1", "step-2"]
+    controller = trained.load(whole)
+    course = recipe.validation_course(controller.settings, recipe.RECIPES["hierarchical"][-1])
+    count = told[-1]["fresh_episodes"]
+    found = drive.test(course, controller.parameters, host.FRESH_SEED, count)
+    assert told[-1]["kept_reward"] == pytest.approx(found.accumulated_reward.mean())
+    assert told[-1]["kept_accident_rate"] == pytest.approx((found.accident > 0).mean())
+
+
+@pytest.mark.usefixtures("save_only_when_stopped")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_within_a_chunk_waits_for_its_end(tmp_path, whole, monkeypatch, number):
+    """There the chunk's old state is consumed already, and its metrics are not yet written."""
+    path, booked, reporter = tmp_path / "run", host._booked, Quiet()
+    before = signal.getsignal(number)
+
+    def interrupted(plan, ledger, lines):
+        if ledger.chunks == 1:
+            os.kill(os.getpid(), number)
+        return booked(plan, ledger, lines)
+
+    with monkeypatch.context() as patch, create(path) as folder:
+        patch.setattr(host, "_booked", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            small_runs.train(folder, reporter)
+    assert reporter.notes == ["stopping: this chunk is finished and saved first"]
+    assert [p.name for p in folder.checkpoints.glob("*.json")] == ["stage-00-chunk-00000002.json"]
+    assert signal.getsignal(number) is before
+    resume(path)
+    assert results(path) == results(whole)
+
+
+def test_a_second_ctrl_c_does_not_wait(tmp_path):
+    path = tmp_path / "run"
+
+    def twice():
+        press_ctrl_c()
+        press_ctrl_c()
+
+    with create(path) as folder, pytest.raises(KeyboardInterrupt):
+        small_runs.train(folder, Quiet(("step-1", 3), twice))
+    # Not even for the third chunk to be saved.
+    assert checkpoint.names(folder.checkpoints)[-1] == checkpoint.checkpoint_name(0, 2)
+
+
+def test_code_whose_training_differs_goes_on_with_a_warning(tmp_path, monkeypatch):
+    path, other = tmp_path / "run", {"commit": "c" * 40, "clean_tree": True, "training": "0" * 12}
+    with monkeypatch.context() as patch:
+        patch.setattr(version, "source", lambda: other)
+        create(path).close()
+    for notes in (
+        [
+            f"{path} was made by code that trains otherwise (training 000000000000, commit "
+            f"ccccccc; here training {version.training()}): it may end in other bits than a run "
+            "that never stopped; to avoid that, go on with that code, or train anew in another "
+            "folder"
+        ],
+        [],
+    ):
+        reporter = Quiet(("step-1", 0), press_ctrl_c)
+        with pytest.raises(KeyboardInterrupt):
+            resume(path, reporter)
+        assert reporter.notes == notes
+        monkeypatch.setattr(version, "training", lambda: "0" * 12)
+
+
+KILLED = """
+import os, sys
+sys.path.insert(0, sys.argv[2])
+import small_runs
+from lanewise.runs import training_loop
+from pathlib import Path
+training_loop.INTERVAL = 0.0
+with small_runs.create(Path(sys.argv[1]), small_runs.flags(chunks=5), "hierarchical", 4) as folder:
+    small_runs.train(folder, small_runs.Quiet(("step-1", 3), lambda: os._exit(9)))
+"""
+
+
+@pytest.mark.slow
+def test_a_hard_kill_and_resume_give_the_same_bytes(tmp_path, whole):
+    path = tmp_path / "run"
+    campaigns = os.path.dirname(small_runs.__file__)
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(path), campaigns], check=False)
+    assert killed.returncode == 9
+    resume(path)
+    assert results(path) == results(whole)
+
+
+def test_an_altered_controller_is_refused(whole, tmp_path, capsys):
+    path = shutil.copytree(whole, tmp_path / "run")
+    file = path / "controller.safetensors"
+    data = bytearray(file.read_bytes())
+    data[-1] ^= 1
+    file.write_bytes(data)
+    assert cli.main(["evaluate", str(path), "--episodes", "1"]) == 2
+    captured = capsys.readouterr()
+    assert "altered" in captured.err
+    assert captured.out == ""
+    assert "Traceback" not in captured.err
+
+
+@pytest.mark.usefixtures("save_only_when_stopped")
+def test_a_high_level_is_taken_over_and_the_run_resumes_without_it(whole, tmp_path):
+    straight, broken = tmp_path / "straight", tmp_path / "broken"
+    with create(straight, seed=5) as folder:
+        small_runs.train(folder, high_level=whole)
+    with create(broken, seed=5) as folder, pytest.raises(KeyboardInterrupt):
+        small_runs.train(folder, Quiet(("step-2", 2), press_ctrl_c), whole)
+    resume(broken)
+    assert results(broken) == results(straight)
+    taken = [(path / "stages" / "step-1.safetensors").read_bytes() for path in (whole, straight)]
+    assert taken[0] == taken[1]
+    assert b'"stage": "step-1"' not in (straight / "metrics.jsonl").read_bytes()
+    assert results(straight) != results(whole)
+
+
+def test_seeds_differ(whole, tmp_path):
+    path = tmp_path / "run"
+    with create(path, seed=5) as folder, pytest.raises(KeyboardInterrupt):
+        small_runs.train(folder, Quiet(("step-1", 1), press_ctrl_c))
+    ours = (path / "metrics.jsonl").read_bytes()
+    assert ours != (whole / "metrics.jsonl").read_bytes()[: len(ours)]
+
+
+def removed(path):
+    shutil.rmtree(path)
+
+
+def moved(path):
+    path.rename(path.with_name("elsewhere"))
+
+
+def replaced(path):
+    """Another run is trained there up to its first checkpoint."""
+
+    def stop():
+        raise KeyboardInterrupt
+
+    removed(path)
+    with create(path, seed=5) as folder, pytest.raises(KeyboardInterrupt):
+        small_runs.train(folder, Quiet(("step-1", 2), stop))
+    assert list(folder.checkpoints.glob("*.json"))
+
+
+@pytest.mark.parametrize("change", [removed, moved, replaced])
+def test_a_training_writes_into_no_other_folder_than_its_own(tmp_path, change):
+    path, left = tmp_path / "runs" / "run", {}
+
+    def break_in():
+        change(path)
+        left.update(small_runs.everything(tmp_path))
+
+    with create(path) as folder, pytest.raises(RunError) as caught:
+        small_runs.train(folder, Quiet(("step-1", 2), break_in))
+    first, second = str(caught.value).splitlines()
+    assert f"{path} was moved, removed or replaced" in first
+    assert "under its new name" in second
+    found = small_runs.everything(tmp_path)
+    assert found.keys() == left.keys()
+    # Metrics already on their way may still reach the run that was moved.
+    others = {name for name in found if "elsewhere" not in name.parts}
+    assert all(found[name] == left[name] for name in others)
+
+
+def test_a_moved_training_goes_on_under_its_new_name(tmp_path, whole):
+    path = tmp_path / "run"
+    with create(path) as folder, pytest.raises(RunError, match="was moved"):
+        small_runs.train(folder, Quiet(("step-1", 3), lambda: moved(path)))
+    resume(tmp_path / "elsewhere")
+    assert results(tmp_path / "elsewhere") == results(whole)
+
+
+def test_step_1_is_taken_over_into_no_other_folder(tmp_path, whole):
+    path = tmp_path / "run"
+    with create(path) as folder:
+        removed(path)
+        with pytest.raises(RunError, match="was moved"):
+            small_runs.train(folder, high_level=whole)
+    assert not path.exists()
+
+
+def newest(path):
+    return sorted((path / "checkpoints").glob("*.safetensors"))[-1]
+
+
+def mark(path, chunk):
+    """Bytes of metrics that a checkpoint of step 2 goes with."""
+    name = checkpoint.checkpoint_name(1, chunk)
+    return checkpoint.read_meta(path / "checkpoints", name)["metrics_bytes"]
+
+
+def test_a_damaged_newest_checkpoint_falls_back_to_the_older(stopped, whole, monkeypatch):
+    """It is none of the two kept: after the next save there are two to go on from again."""
+    monkeypatch.setattr(training_loop, "INTERVAL", 1e9)
+    file = newest(stopped)
+    file.write_bytes(file.read_bytes()[:-100])
+    reporter = Quiet(("step-2", 2), press_ctrl_c)
+    with pytest.raises(KeyboardInterrupt):
+        resume(stopped, reporter)
+    assert "truncated or altered" in reporter.notes[0]
+    assert "continuing from stage-01-chunk-00000002" in reporter.notes[0]
+    assert checkpoint.names(stopped / "checkpoints") == [
+        checkpoint.checkpoint_name(1, chunk) for chunk in (2, 4)
+    ]
+    newest(stopped).write_bytes(b"nothing")
+    resume(stopped)
+    assert results(stopped) == results(whole)
+
+
+def test_a_copy_made_while_training_goes_on_from_what_its_metrics_reach(stopped, whole):
+    """The metrics were copied first, and a checkpoint was saved before those were."""
+    left, reached = mark(stopped, 2) + 10, mark(stopped, 3)
+    os.truncate(stopped / "metrics.jsonl", left)
+    reporter = Quiet()
+    resume(stopped, reporter)
+    (note,) = reporter.notes
+    assert f"metrics.jsonl is damaged: truncated: {left} of {reached} bytes" in note
+    assert "continuing from stage-01-chunk-00000002" in note
+    assert results(stopped) == results(whole)
+
+
+def test_metrics_that_no_checkpoint_goes_with_are_refused(stopped):
+    metrics = stopped / "metrics.jsonl"
+    os.truncate(metrics, mark(stopped, 2) - 1)
+    before = metrics.read_bytes()
+    with pytest.raises(LanewiseError, match=f"truncated: {len(before)} of {mark(stopped, 3)} byt"):
+        resume(stopped)
+    assert metrics.read_bytes() == before
+
+
+@pytest.mark.parametrize("lost", [("checkpoints",), ("checkpoints", "stages")], ids=len)
+def test_metrics_of_lost_checkpoints_are_kept(stopped, whole, lost):
+    for name in lost:
+        shutil.rmtree(stopped / name)
+    before = (stopped / "metrics.jsonl").read_bytes()
+    reporter = Quiet()
+    resume(stopped, reporter)
+    (note,) = reporter.notes
+    kept = stopped / "metrics-before-1.jsonl"
+    assert note.endswith(f"the stage under way begins anew; metrics so far are kept in {kept}")
+    assert kept.read_bytes() == before
+    assert results(stopped) == results(whole)
+
+
+def test_no_whole_checkpoint_is_refused(stopped, capsys):
+    for file in (stopped / "checkpoints").glob("*.safetensors"):
+        file.write_bytes(b"nothing")
+    before = (stopped / "metrics.jsonl").read_bytes()
+    assert cli.main(["train", "hierarchical", "--out", str(stopped), "--resume"]) == 2
+    assert "no checkpoint can be used" in capsys.readouterr().err
+    assert (stopped / "metrics.jsonl").read_bytes() == before
+
+
+def test_a_lost_stage_is_not_trained_anew_over_what_came_after(stopped):
+    (stopped / "stages" / "step-1.json").unlink()
+    with pytest.raises(LanewiseError, match=r"step-1.json is missing, though stage-01"):
+        resume(stopped)
+
+
+def test_what_belongs_to_another_seed_is_refused(stopped, tmp_path):
+    other = tmp_path / "other"
+    create(other, seed=5).close()
+    for name in ("stages", "checkpoints", "metrics.jsonl"):
+        (stopped / name).rename(other / name)
+    with pytest.raises(LanewiseError, match="of another run: its seed is not 5"):
+        resume(other)
+
+
+def test_a_full_disk_leaves_the_run_resumable(stopped, whole, monkeypatch, capsys):
+    def full(folder, name, content):
+        (folder.path / name).write_bytes(content[: len(content) // 2])
+        raise OSError(28, "No space left on device", str(folder.path / name))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(folder_io, "_write", full)
+        assert cli.main(["train", "hierarchical", "--out", str(stopped), "--resume"]) == 2
+    error = capsys.readouterr().err
+    assert "No space left on device" in error
+    assert "Traceback" not in error
+    resume(stopped)
+    assert results(stopped) == results(whole)
+
+
+def test_the_figures_shown_while_training_say_how_reward_is_counted():
+    line = {"success_rate": 0.5, "reward": 20.0, "timestep_reward": 10.0, "epsilon": 0.1}
+    line |= {"validation_success_rate": None}
+    assert training_loop._figures(line) == {
+        "success rate": 0.5,
+        "reward (one a decision)": 20.0,
+        "epsilon": 0.1,
+    }
