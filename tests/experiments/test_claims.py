@@ -8,7 +8,7 @@ import pytest
 
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.experiments import claims, reporting
-from lanewise.experiments.claims import Driven, Evidence, Seed
+from lanewise.experiments.claims import Evidence, Seed
 
 
 def training(success, reward=1.0, speed=10.0, noise=0.0):
@@ -17,6 +17,7 @@ def training(success, reward=1.0, speed=10.0, noise=0.0):
     return [
         {
             "success": bool(s),
+            "escaped": bool(s),
             "reward": 100 * (reward + noise * rng.normal()),
             "decisions": 100,
             "speed": speed + noise * rng.normal(),
@@ -61,13 +62,13 @@ def recording(speed, reward, gap):
     )
 
 
-OURS = Driven(
+OURS = Evidence(
     training([1, 0, 0, 0, 0] * 20 + [1, 0] * 100, reward=2.0, speed=13.0, noise=0.5),
     100,
     outcomes(98, 2, reward=13.0),
     recording([10, 8, 15, 15, 15], 0.9, [15, 20, -30]),
 )
-FLAT = Driven(
+FLAT = Evidence(
     training([1, 0, 0, 0, 0] * 20 + [0] * 200),
     100,
     outcomes(0, 0, reward=3.0),
@@ -173,7 +174,7 @@ def test_an_escape_counts_whatever_happens_later():
     assert found(claims._flat_stops, single_level=replace(FLAT, training=late)).verdict == "fails"
 
 
-@pytest.mark.parametrize("name", ["success", "reward", "speed"])
+@pytest.mark.parametrize("name", ["escaped", "reward", "speed"])
 def test_above_h_dqn_means_in_each_measure(name):
     better = training([1] * 300, 3.0, 15.0)
     lines = [a | {name: b[name]} for a, b in zip(FLAT.training, better, strict=True)]
@@ -257,8 +258,7 @@ def test_evidence_of_other_arms_needs_no_drive():
 def test_a_report_finds_the_arms_that_claims_speak_of(monkeypatch):
     """By their names; seeds that only the other arms have are left out."""
     held = {"hierarchical": OURS, "single-level": FLAT, "h-dqn": FLAT, "one-step": OURS}
-    for name in ("_driven", "_evidence"):
-        monkeypatch.setattr(reporting, name, lambda seed: held[seed.arm])
+    monkeypatch.setattr(reporting, "_evidence", lambda seed, seconds=None: held[seed.arm])
     results = [
         SimpleNamespace(
             arm=SimpleNamespace(name=name),

@@ -77,19 +77,16 @@ def test_the_papers_size():
     ("text", "hint"),
     [
         ("[[", "not valid TOML"),
-        (f"seeds = {'9' * 5000}", "seeds: a whole number of so many digits is out of every range"),
+        (f"seeds = {'9' * 5000}", "not valid TOML: a whole number has too many digits"),
         (HEAD, "needs at least one [arms.NAME]"),
         (HEAD.replace("seeds = 2", "seed = 2") + ARM, 'has no "seed"; did you mean seeds?'),
         (HEAD.replace("seeds = 2", "seeds = 0") + ARM, "seeds: expected a whole number from 1"),
-        (HEAD.replace("seeds = 2", "seeds = true") + ARM, "seeds: expected a whole number"),
         (HEAD.replace('"quick"', '"quik"') + ARM, 'unknown preset "quik"; did you mean quick?'),
         (HEAD + ARM.replace("single-level", "singel-level"), "did you mean single-level?"),
         (HEAD + ARM + 'titel = "x"\n', 'arm a has no "titel"; did you mean title?'),
-        (HEAD + ARM + "title = 3\n", "title: expected text"),
         (HEAD + ARM + 'high_level = "b"\n', 'arm a: high_level "b" is no arm'),
         (HEAD + ARM + 'high_level = "a"\n', "only hierarchical and planned have a step 1"),
         (HEAD + LENT + LENDER + 'high_level = "a"\n', "arm a: b trains no step 1 of its own"),
-        (HEAD + LENT.replace('"b"', '"a"'), "arm a: a trains no step 1 of its own"),
         (HEAD + LENT + LENDER + "seeds = 1\n", "arm a: has more seeds than b"),
         (
             HEAD + LENT + LENDER + '[arms.b.settings]\n"goals.time_limit" = 5.0\n',
@@ -105,7 +102,6 @@ def test_the_papers_size():
         ),
         (HEAD + ARM + '[arms.a.settings]\n"scenario.lanes" = 0\n', "arm a: scenario.lanes"),
         (HEAD + ARM.replace("arms.a", 'arms."../a"'), "a name holds letters, digits and dashes"),
-        (HEAD + "arms = 3\n", "arms: expected a table"),
     ],
 )
 def test_refusals(text, hint):

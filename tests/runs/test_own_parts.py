@@ -49,12 +49,6 @@ def with_whole_places(settings, key, split):
     return dataclasses.replace(world, vehicles=dataclasses.replace(world.vehicles, x=whole))
 
 
-def without_a_driver(settings, key, split):
-    world = trap.sample(settings, key, split)
-    fewer = world.drivers.kind[1:]
-    return dataclasses.replace(world, drivers=dataclasses.replace(world.drivers, kind=fewer))
-
-
 def only_in_training(settings, key, split):
     assert split == "training", "no other starts"
     return trap.sample(settings, key, split)
@@ -217,8 +211,6 @@ def test_functions_of_every_kind_have_a_name_that_stays():
     [
         (Unhashable(0.5), r"reward: Unhashable.* cannot be hashed; .*\(frozen=True\)"),
         (Weighted(0.5, [1.0]), r"reward: Weighted.* cannot be hashed; "),
-        (3.0, "reward: expected a function, got 3.0"),
-        ("hurry", 'reward: expected a function, got "hurry"'),
         (None, "reward: expected a function, got None"),
     ],
 )
@@ -248,15 +240,11 @@ def test_mistakes_leave_nothing_behind(tmp_path):
         ({"scenario": {"trap_sped": 3.0}}, "unknown setting"),
         ({"seed": "3"}, 'seed: expected a whole number, got "3"'),
         ({"seed": -1}, "seed must be between 0 and 2147483647, got -1"),
-        ({"seed": True}, "seed: expected a whole number, got true"),
         ({"parts": None}, "parts: expected lanewise.Parts"),
-        ({"preset": 3}, "preset: expected text, one of quick, paper, ranges"),
     ):
         with pytest.raises(SettingsError, match=said):
             lanewise.train(tmp_path / "run", **given)
     assert not (tmp_path / "run").exists()
-    with pytest.raises(SettingsError, match=r"seed: expected a whole number, got 1\.5"):
-        lanewise.evaluate(lambda seen: 4, seed=1.5)
     with pytest.raises(SettingsError, match=r"parts: expected lanewise\.Parts"):
         lanewise.evaluate("pretrained/single-level", parts=3)
     for given, said in (
@@ -280,22 +268,13 @@ def test_mistakes_leave_nothing_behind(tmp_path):
             two_dimensional,
             r"must return a float32 vector, not float32 of shape \(2, 2\)",
         ),
-        ("observe", lambda settings, world: [1.0], "must return a float32 vector, not a list"),
-        ("observe", lambda settings, world: jnp.zeros(0), "from 1 to 65,536 numbers, not 0"),
         ("observe", lambda settings, world: jnp.zeros(10**8), "to 65,536 numbers, not 100,000,000"),
-        ("reward", lambda s, world, *rest: world.vehicles.x, "one real number, not float32 of sha"),
         ("reward", lambda *given: 0.25j, r"one real number, not complex64 of shape \(\)"),
         ("reward", lambda settings, world: 1.0, "fails: .* takes 2 positional arguments but 4"),
         ("reward", asks, "reward: asks fails: .* use jnp.where instead of if"),
         ("success", lambda world: world.vehicles.x[0], "must return one bool, not float32"),
-        ("reward", lambda *given: jax.pure_callback(float, 0.0, 0.0), "fails: .*"),
         ("start", lambda *given: 3, "must return a World, not int32"),
         ("start", with_whole_places, r"vehicles.x as float32 of shape \(12,\), not int32 of shape"),
-        (
-            "start",
-            without_a_driver,
-            r"drivers.kind as int32 of shape \(12,\), not int32 of shape \(",
-        ),
     ],
 )
 def test_wrong_functions_are_refused_by_name_before_anything_is_driven(part, function, said):

@@ -53,14 +53,14 @@ class Evidence:
     settled: int
     """Episodes completed when epsilon had come down to its final value; all, if it never did."""
     test: Episodes
+    recording: Recording | None = None
+    """One drive from the test start; of the two compared controllers alone."""
 
-
-@dataclass(frozen=True)
-class Driven(Evidence):
-    """What one seed of one of the two compared controllers left behind."""
-
-    recording: Recording
-    """One drive from the test start."""
+    @property
+    def drive(self) -> Recording:
+        """The drive, where there is one."""
+        assert self.recording is not None, "only the two compared controllers are driven"
+        return self.recording
 
 
 @dataclass(frozen=True)
@@ -68,14 +68,14 @@ class Seed:
     """One seed of an experiment: both controllers, and the other arms there are."""
 
     seed: int
-    hierarchical: Driven
-    single_level: Driven
+    hierarchical: Evidence
+    single_level: Evidence
     explorers: Sequence[Evidence] = ()
     """The single-level controller with more exploration, one for each schedule."""
     h_dqn: Evidence | None = None
-    """Both levels at once, the low level paid for its goals alone."""
+    """Both levels at once, the low level rewarded for its goals alone."""
     one_step: Evidence | None = None
-    """Both levels at once, the low level paid as in step 2."""
+    """Both levels at once, the low level rewarded as in step 2."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ def _flat_is_steady(seeds: Sequence[Seed]) -> Claim:
 
 
 def _near_target(seeds: Sequence[Seed]) -> Claim:
-    drives = [s.hierarchical.recording for s in seeds]
+    drives = [s.hierarchical.drive for s in seeds]
     speeds = [_last_speed(drive) for drive in drives]
     escaped = [bool(drive.escaped[-1]) for drive in drives]
     return Claim(
@@ -213,7 +213,7 @@ def _keeps_improving(seeds: Sequence[Seed]) -> Claim:
 def _earns_more(seeds: Sequence[Seed]) -> Claim:
     found = []
     for s in seeds:
-        ours, flat = (_at(e.recording, LATER) for e in (s.hierarchical, s.single_level))
+        ours, flat = (_at(e.drive, LATER) for e in (s.hierarchical, s.single_level))
         found.append((ours, flat))
     return Claim(
         'By t = 9 s the hierarchical controller has "higher immediate and accumulated rewards"',
@@ -227,7 +227,7 @@ def _earns_more(seeds: Sequence[Seed]) -> Claim:
 def _slows_more(seeds: Sequence[Seed]) -> Claim:
     lowest = [
         tuple(
-            float(e.recording.speed[e.recording.time <= BRAKING, 0].min())
+            float(e.drive.speed[e.drive.time <= BRAKING, 0].min())
             for e in (s.hierarchical, s.single_level)
         )
         for s in seeds
@@ -243,7 +243,7 @@ def _slows_more(seeds: Sequence[Seed]) -> Claim:
 
 def _backs_off(seeds: Sequence[Seed]) -> Claim:
     """Both start at one speed, so whoever slows down falls back."""
-    gaps = [_gap(s.single_level.recording) for s in seeds]
+    gaps = [_gap(s.single_level.drive) for s in seeds]
     return Claim(
         'The flat controller slows down "to maintain a safe following distance", then speeds up '
         '"to minimize the gap"',
@@ -325,14 +325,11 @@ MEASURES = ("success", "reward", "speed")
 
 
 def measure(line: dict[str, Any], name: str) -> float:
-    """A measure of a training episode; success is the paper's.
-
-    Trainings of before that was recorded have only ours, which an accident takes away.
-    """
+    """A measure of a training episode; success is the paper's."""
     if name == "reward":
         return float(line["reward"]) / max(1, int(line["decisions"]))
     if name == "success":
-        return float(line.get("escaped", line["success"]))
+        return float(line["escaped"])
     return float(line[name])
 
 

@@ -1,7 +1,7 @@
 """The data of an experiment's report, before it is written down."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from lanewise.evaluation import metrics
@@ -90,7 +90,7 @@ def figures_of(result: ArmResult) -> ArmFigures:
             for world in WORLDS
         },
         training=[seed.episodes for seed in result.seeds if seed.job.trains],
-        effort=[asdict(seed.effort) for seed in result.seeds if seed.effort is not None],
+        effort=[seed.effort for seed in result.seeds if seed.job.trains],
         unlike_paper=unlike,
         unlike_papers_training=published.unlike_training(settings),
     )

@@ -1,7 +1,6 @@
 """The report of an experiment as JSON: every seed of every arm, with all its settings."""
 
 import json
-from dataclasses import asdict
 from typing import Any
 
 from lanewise import config
@@ -64,5 +63,5 @@ def _seed_json(seed: SeedResult) -> dict[str, Any]:
         "paired": None if pair is None else pair.to_json(),
         "training": last,
         "weights": [dict(each.line) | {"chosen_for": each.chosen_for} for each in seed.selected],
-        "effort": None if seed.effort is None else asdict(seed.effort),
+        "effort": seed.effort or None,
     }

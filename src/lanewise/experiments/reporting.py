@@ -9,7 +9,7 @@ from lanewise import config
 from lanewise.evaluation import metrics
 from lanewise.evaluation.metrics import Paired
 from lanewise.experiments import claims, drives, figures, readings, report_data, report_json
-from lanewise.experiments.claims import Claim, Driven, Evidence, Seed
+from lanewise.experiments.claims import Claim, Evidence, Seed
 from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.figures import COMPARED, FOLDER, PROFILE_SECONDS, SCHEDULES
 from lanewise.experiments.report_data import ReportData
@@ -112,8 +112,8 @@ def _ledger(results: Sequence[ArmResult]) -> list[Claim]:
         [
             Seed(
                 seed,
-                _driven(ours[seed]),
-                _driven(flat[seed]),
+                _evidence(ours[seed], PROFILE_SECONDS),
+                _evidence(flat[seed], PROFILE_SECONDS),
                 [_evidence(more[seed]) for more in explorers if seed in more],
                 **{field: _evidence(arm[seed]) for field, arm in others.items() if seed in arm},
             )
@@ -123,19 +123,14 @@ def _ledger(results: Sequence[ArmResult]) -> list[Claim]:
     )
 
 
-def _evidence(seed: SeedResult) -> Evidence:
+def _evidence(seed: SeedResult, seconds: int | None = None) -> Evidence:
+    """What a seed left behind, with a drive of that length where one is asked for."""
     settled = metrics_file.settled_episode(seed.chunks)
     return Evidence(
         training=seed.episodes,
         settled=len(seed.episodes) if settled is None else int(settled),
         test=seed.tests["lanewise"].episodes,
-    )
-
-
-def _driven(seed: SeedResult) -> Driven:
-    evidence = _evidence(seed)
-    return Driven(
-        evidence.training, evidence.settled, evidence.test, seed.record(seconds=PROFILE_SECONDS)
+        recording=None if seconds is None else seed.record(seconds=seconds),
     )
 
 

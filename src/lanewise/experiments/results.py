@@ -19,19 +19,6 @@ WORLDS = ("lanewise", "highway-env")
 
 
 @dataclass(frozen=True)
-class Effort:
-    """What a training took, over all its stages; what was taken over is not part of it."""
-
-    decisions: int
-    episodes: int
-    """Completed ones."""
-    updates: int
-    """Of the learners; where two levels learn, of each."""
-    seconds: float
-    """Wall time, compilation included."""
-
-
-@dataclass(frozen=True)
 class SeedResult:
     """One finished job."""
 
@@ -73,19 +60,22 @@ class SeedResult:
         return [line for line in self.lines if line["kind"] == kind and line["stage"] == stage]
 
     @property
-    def effort(self) -> Effort | None:
-        """What its training took; None for a reference driver."""
+    def effort(self) -> dict[str, float]:
+        """What its training took, over all its own stages; nothing for a reference driver.
+
+        ``decisions``, completed ``episodes``, ``updates`` of the learners (of each where two levels
+        learn), and ``seconds`` of wall time, compilation included.
+        """
         if not self.job.trains:
-            return None
+            return {}
         # The last chunk of a stage counts all of the stage.
         last = {line["stage"]: line for line in self.lines if line["kind"] == "chunk"}
+        counts = ("decisions", "episodes", "updates")
         times = metrics_file.read(self.job.path / "timings.jsonl")
-        return Effort(
-            decisions=sum(chunk["decisions"] for chunk in last.values()),
-            episodes=sum(chunk["episodes"] for chunk in last.values()),
-            updates=sum(chunk["updates"] for chunk in last.values()),
-            seconds=sum(line["seconds"] for line in times),
-        )
+        return {
+            **{name: sum(chunk[name] for chunk in last.values()) for name in counts},
+            "seconds": sum(line["seconds"] for line in times),
+        }
 
     @property
     def trained_by(self) -> Mapping[str, Any] | None:

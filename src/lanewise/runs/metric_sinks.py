@@ -9,7 +9,7 @@ import os
 import shutil
 from collections.abc import Mapping
 from contextlib import ExitStack
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 from lanewise.extras import install, needed_for
 from lanewise.runs import metrics_file
@@ -30,16 +30,6 @@ COUNTS = ("kind", "stage", "chunk")
 """Fields of a chunk that are no curves."""
 
 
-class MetricSink(Protocol):
-    """Something that takes metrics as they come."""
-
-    def append(self, record: Mapping[str, Any]) -> None:
-        """Take one record."""
-
-    def close(self) -> None:
-        """Take no more."""
-
-
 class MetricSinks:
     """All sinks of a run; to be used in a ``with`` block."""
 
@@ -53,7 +43,7 @@ class MetricSinks:
         Raises:
             LanewiseError: events are wanted and tensorboardX is not installed.
         """
-        self._sinks: list[MetricSink] = []
+        self._sinks: list[CsvTable | TensorBoardEvents] = []
         with ExitStack() as stack:
             for kind in TABLES:
                 self._sinks.append(CsvTable(folder, kind))

@@ -7,7 +7,7 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import count
 from pathlib import Path
 from typing import IO, Any
@@ -41,8 +41,8 @@ COLUMNS = {
 _OPTIONAL = ("validation_", "best_chunk", "high_level_")
 """Beginnings of fields that only some chunks have."""
 _TEXTS = ("kind", "stage", "accident", "rule")
-_LONGEST_LINE = 20_000
-"""Bytes; ours have a few hundred."""
+_LARGEST = 500_000_000
+"""Bytes of a file; ours have a few hundred a line."""
 _BLOCK = 65_536
 
 
@@ -117,7 +117,6 @@ def read(path: Path, end: int | None = None, sha256: str | None = None) -> list[
         RunError: the file cannot be read, was altered, or a line is no object of plain values.
     """
     digest, found = hashlib.sha256(), []
-    # Line by line: a huge file costs no more than its first wrong line.
     for number, line in enumerate(_lines(path, end), 1):
         digest.update(line)
         try:
@@ -236,25 +235,19 @@ def _problem(record: Mapping[str, Any]) -> str:
     return ""
 
 
-def _lines(path: Path, end: int | None) -> Iterator[bytes]:
+def _lines(path: Path, end: int | None) -> list[bytes]:
     """The whole lines up to a place, or all; what follows the last of all is left out."""
     try:
-        safe_io.require_plain(path)
-        with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            stop = size if end is None else end
-            if size < stop:
-                raise safe_io.UnreadableError(f"truncated: {size} of {stop} bytes")
-            while (line := file.readline(min(_LONGEST_LINE, stop - file.tell()))).endswith(b"\n"):
-                yield line
-            if len(line) == _LONGEST_LINE:
-                raise safe_io.UnreadableError("a line is longer than any record")
-            if line and end is not None:
-                raise safe_io.UnreadableError(f"no line ends at byte {end}")
-    except OSError as error:
-        raise RunError(f"cannot read {path}: {error.strerror}") from error
+        data = safe_io.read_bytes(path, _LARGEST, links=False)
+        if end is None:
+            end = data.rfind(b"\n") + 1
+        if len(data) < end:
+            raise safe_io.UnreadableError(f"truncated: {len(data)} of {end} bytes")
+        if data[:end][-1:] not in (b"", b"\n"):
+            raise safe_io.UnreadableError(f"no line ends at byte {end}")
     except safe_io.UnreadableError as error:
         raise RunError(f"{path} is damaged: {error}") from error
+    return data[:end].splitlines(keepends=True)
 
 
 def _open_to_append(path: Path, folder: OpenFolder | None) -> IO[bytes]:
