@@ -8,7 +8,8 @@ import pytest
 
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.experiments import claims, reporting
-from lanewise.experiments.claims import Evidence, Seed
+from lanewise.experiments.claims import Seed
+from lanewise.experiments.evidence import Evidence
 
 
 def training(success, reward=1.0, speed=10.0, noise=0.0):

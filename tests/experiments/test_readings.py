@@ -7,7 +7,7 @@ import pytest
 
 from lanewise import config
 from lanewise.experiments import experiment, readings
-from lanewise.experiments.readings import Arm
+from lanewise.experiments.readings import ArmSettings
 from lanewise.runs.run_folder import CONTROLLERS
 from lanewise.training import recipe
 
@@ -34,7 +34,7 @@ controller = "rule-based"
 
 def arms_of(found):
     return [
-        Arm(
+        ArmSettings(
             *(arm.title, arm.controller, config.flatten(found.settings(arm, "trap-10", {}))),
             takes_over=bool(arm.high_level),
         )
@@ -118,7 +118,7 @@ def test_an_experiment_of_ones_own():
 
 def test_a_step_1_that_was_taken_over_is_not_the_arms_own():
     quick = config.flatten(config.compose())
-    lent = Arm("lent", "hierarchical", quick | {"high_level.duration": 99}, takes_over=True)
+    lent = ArmSettings("lent", "hierarchical", quick | {"high_level.duration": 99}, takes_over=True)
     assert here([lent])["4"].startswith("`low_level.duration = 60` decisions")
 
 

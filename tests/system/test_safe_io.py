@@ -1,4 +1,4 @@
-"""Files of strangers are read without being followed, waited for, or costing more than they hold."""
+"""Files of strangers are read without being followed, waited for, or growing dear."""
 
 import os
 import sys

@@ -10,57 +10,27 @@ episode ends, whether or not an accident follows.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import inf
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.evaluation.metrics import TRAINING_WINDOW
+from lanewise.experiments.evidence import ENDING, EXPLORING, MEASURES, Evidence
 
 RARELY = 0.02
 """At most this success rate is minimal, and a gain of at most this no significant enhancement."""
 MOSTLY = 0.9
 """Above this success rate a controller escapes."""
-EXPLORING = 100
-"""At least so many first episodes are the initial exploration phase: with one world epsilon settles
-within the first few of the paper's 2000."""
 STEADY = 0.1
 """Nearly constant: a standard deviation of at most this share of the mean."""
 TARGET_SPEED, NEAR = 15.0, 1.0
 """The paper's target speed, and how far from it is close to it, m/s."""
-ENDING = 5.0
-"""The end of a drive, over which its speed is averaged, s."""
 MORE_SUCCESS, MORE_REWARD = 0.1, 1.0
 """Better in tests: by more than this; a tenth of what separates the paper's two controllers."""
-BRAKING = 5.0
-"""The first timesteps, in which both slow down, s."""
 LATER = 9.0
 """When the hierarchical controller is past the trap in the paper's film strip, s."""
 MARGIN = 0.5
 """A gap must change by more than this to have grown or shrunk, m."""
-
-Lines = Sequence[dict[str, Any]]
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What one seed of one controller left behind."""
-
-    training: Lines
-    """Its training episodes, in their order: metrics lines of kind ``episode``."""
-    settled: int
-    """Episodes completed when epsilon had come down to its final value; all, if it never did."""
-    test: Episodes
-    recording: Recording | None = None
-    """One drive from the test start; of the two compared controllers alone."""
-
-    @property
-    def drive(self) -> Recording:
-        """The drive, where there is one."""
-        assert self.recording is not None, "only the two compared controllers are driven"
-        return self.recording
 
 
 @dataclass(frozen=True)
@@ -108,7 +78,7 @@ def ledger(seeds: Sequence[Seed]) -> list[Claim]:
 
 
 def _early_escapes(seeds: Sequence[Seed]) -> Claim:
-    pairs = [(_early(s.hierarchical), _early(s.single_level)) for s in seeds]
+    pairs = [(s.hierarchical.early_success, s.single_level.early_success) for s in seeds]
     return Claim(
         'While exploring, both controllers "exhibited tendencies to escape"',
         tuple(ours > 0 and flat > 0 for ours, flat in pairs),
@@ -118,8 +88,8 @@ def _early_escapes(seeds: Sequence[Seed]) -> Claim:
 
 
 def _flat_stops(seeds: Sequence[Seed]) -> Claim:
-    early = [_early(s.single_level) for s in seeds]
-    late = [_late(s.single_level, "success") for s in seeds]
+    early = [s.single_level.early_success for s in seeds]
+    late = [s.single_level.late("success") for s in seeds]
     return Claim(
         'As its exploration falls, the flat controller shows "a minimal probability of escaping"',
         tuple(rate <= RARELY for rate in late),
@@ -130,7 +100,7 @@ def _flat_stops(seeds: Sequence[Seed]) -> Claim:
 
 def _above_h_dqn(seeds: Sequence[Seed]) -> Claim:
     found = [
-        [(_late(s.hierarchical, name), _late(s.h_dqn, name)) for name in MEASURES]
+        [(s.hierarchical.late(name), s.h_dqn.late(name)) for name in MEASURES]
         for s in seeds
         if s.h_dqn is not None
     ]
@@ -145,7 +115,7 @@ def _above_h_dqn(seeds: Sequence[Seed]) -> Claim:
 
 def _flat_is_steady(seeds: Sequence[Seed]) -> Claim:
     spreads = [
-        [_relative_spread(s.single_level, name) for name in ("speed", "reward")] for s in seeds
+        [s.single_level.relative_spread(name) for name in ("speed", "reward")] for s in seeds
     ]
     return Claim(
         'The flat controller has "nearly constant average speed and reward in each episode"',
@@ -157,9 +127,8 @@ def _flat_is_steady(seeds: Sequence[Seed]) -> Claim:
 
 
 def _near_target(seeds: Sequence[Seed]) -> Claim:
-    drives = [s.hierarchical.drive for s in seeds]
-    speeds = [_last_speed(drive) for drive in drives]
-    escaped = [bool(drive.escaped[-1]) for drive in drives]
+    speeds = [s.hierarchical.final_speed for s in seeds]
+    escaped = [bool(s.hierarchical.drive.escaped[-1]) for s in seeds]
     return Claim(
         'The hierarchical controller comes to "closely approach the target speed of 15m/s after '
         'overtaking"',
@@ -168,13 +137,13 @@ def _near_target(seeds: Sequence[Seed]) -> Claim:
             for out, speed in zip(escaped, speeds, strict=True)
         ),
         f"mean speed in the last {ENDING:.0f} s of a drive: {_numbers(speeds)} m/s, "
-        f"{sum(escaped)} of {len(drives)} drives past the trap; within {NEAR:.0f} m/s is close",
+        f"{sum(escaped)} of {len(seeds)} drives past the trap; within {NEAR:.0f} m/s is close",
     )
 
 
 def _varies_more(seeds: Sequence[Seed]) -> Claim:
     spreads = [
-        [(_spread(s.hierarchical, name), _spread(s.single_level, name)) for name in MEASURES]
+        [(s.hierarchical.spread(name), s.single_level.spread(name)) for name in MEASURES]
         for s in seeds
     ]
     return Claim(
@@ -186,9 +155,9 @@ def _varies_more(seeds: Sequence[Seed]) -> Claim:
 
 
 def _exploring_more(seeds: Sequence[Seed]) -> Claim:
-    rates = [max(_late(more, "success") for more in s.explorers) for s in seeds]
-    flat = [_late(s.single_level, "success") for s in seeds]
-    tested = [max(_test_rate(more) for more in s.explorers) for s in seeds]
+    rates = [max(more.late("success") for more in s.explorers) for s in seeds]
+    flat = [s.single_level.late("success") for s in seeds]
+    tested = [max(more.test_rate for more in s.explorers) for s in seeds]
     return Claim(
         'More initial exploration brings the flat controller "no significant enhancement"',
         tuple(more <= base + RARELY for more, base in zip(rates, flat, strict=True)),
@@ -199,8 +168,8 @@ def _exploring_more(seeds: Sequence[Seed]) -> Claim:
 
 
 def _keeps_improving(seeds: Sequence[Seed]) -> Claim:
-    settled = [_around(s.hierarchical, "success") for s in seeds]
-    late = [_late(s.hierarchical, "success") for s in seeds]
+    settled = [s.hierarchical.around("success") for s in seeds]
+    late = [s.hierarchical.late("success") for s in seeds]
     return Claim(
         'The hierarchical controller "continued to show enhancements even when the exploration '
         'value stabilized"',
@@ -211,10 +180,7 @@ def _keeps_improving(seeds: Sequence[Seed]) -> Claim:
 
 
 def _earns_more(seeds: Sequence[Seed]) -> Claim:
-    found = []
-    for s in seeds:
-        ours, flat = (_at(e.drive, LATER) for e in (s.hierarchical, s.single_level))
-        found.append((ours, flat))
+    found = [(s.hierarchical.rewards_at(LATER), s.single_level.rewards_at(LATER)) for s in seeds]
     return Claim(
         'By t = 9 s the hierarchical controller has "higher immediate and accumulated rewards"',
         tuple(all(a > b for a, b in zip(ours, flat, strict=True)) for ours, flat in found),
@@ -225,13 +191,7 @@ def _earns_more(seeds: Sequence[Seed]) -> Claim:
 
 
 def _slows_more(seeds: Sequence[Seed]) -> Claim:
-    lowest = [
-        tuple(
-            float(e.drive.speed[e.drive.time <= BRAKING, 0].min())
-            for e in (s.hierarchical, s.single_level)
-        )
-        for s in seeds
-    ]
+    lowest = [(s.hierarchical.lowest_speed, s.single_level.lowest_speed) for s in seeds]
     return Claim(
         "In the first 5 timesteps the speed reduction of the hierarchical controller is "
         '"more substantial"',
@@ -243,7 +203,7 @@ def _slows_more(seeds: Sequence[Seed]) -> Claim:
 
 def _backs_off(seeds: Sequence[Seed]) -> Claim:
     """Both start at one speed, so whoever slows down falls back."""
-    gaps = [_gap(s.single_level.drive) for s in seeds]
+    gaps = [s.single_level.gap for s in seeds]
     return Claim(
         'The flat controller slows down "to maintain a safe following distance", then speeds up '
         '"to minimize the gap"',
@@ -254,7 +214,7 @@ def _backs_off(seeds: Sequence[Seed]) -> Claim:
 
 
 def _escapes(seeds: Sequence[Seed]) -> Claim:
-    rates = [(_test_rate(s.hierarchical), _test_rate(s.single_level)) for s in seeds]
+    rates = [(s.hierarchical.test_rate, s.single_level.test_rate) for s in seeds]
     return Claim(
         "In tests the hierarchical controller escapes (97.67 %) and the flat one does not (0 %)",
         tuple(ours > MOSTLY and flat <= RARELY for ours, flat in rates),
@@ -263,10 +223,7 @@ def _escapes(seeds: Sequence[Seed]) -> Claim:
 
 
 def _more_accidents(seeds: Sequence[Seed]) -> Claim:
-    rates = [
-        tuple(float((e.test.accident != 0).mean()) for e in (s.hierarchical, s.single_level))
-        for s in seeds
-    ]
+    rates = [(s.hierarchical.test_accidents, s.single_level.test_accidents) for s in seeds]
     return Claim(
         'The flat controller has "better performance in terms of the accident rate"',
         tuple(ours > flat for ours, flat in rates),
@@ -276,7 +233,7 @@ def _more_accidents(seeds: Sequence[Seed]) -> Claim:
 
 def _two_steps(seeds: Sequence[Seed]) -> Claim:
     pairs = [
-        ((_test_rate(two), _test_reward(two)), (_test_rate(one), _test_reward(one)))
+        ((two.test_rate, two.test_reward), (one.test_rate, one.test_reward))
         for two, one in ((s.hierarchical, s.one_step) for s in seeds)
         if one is not None
     ]
@@ -320,89 +277,12 @@ _NEEDS: Mapping[Make, str] = {
 }
 """The field of a seed without which a claim has no evidence."""
 
-MEASURES = ("success", "reward", "speed")
-"""What the paper's training figure shows; reward is that of a decision, as lengths differ."""
-
-
-def measure(line: dict[str, Any], name: str) -> float:
-    """A measure of a training episode; success is the paper's."""
-    if name == "reward":
-        return float(line["reward"]) / max(1, int(line["decisions"]))
-    if name == "success":
-        return float(line["escaped"])
-    return float(line[name])
-
-
-def _test_rate(evidence: Evidence) -> float:
-    return float(evidence.test.escaped.mean())
-
-
-def _test_reward(evidence: Evidence) -> float:
-    return float(evidence.test.accumulated_reward.mean())
-
 
 def _better(one: tuple[float, float], other: tuple[float, float]) -> bool:
     """Is one (success, reward) better than another by more than the margins, and never worse?"""
     success = (one[0] - other[0]) / MORE_SUCCESS
     reward = (one[1] - other[1]) / MORE_REWARD
     return max(success, reward) > 1 and min(success, reward) >= -1
-
-
-def _values(evidence: Evidence, name: str) -> NDArray[np.float64]:
-    return np.array([measure(line, name) for line in evidence.training], np.float64)
-
-
-def _mean(values: NDArray[np.float64]) -> float:
-    return float(values.mean()) if len(values) else 0.0
-
-
-def _explored(evidence: Evidence) -> int:
-    """Episodes of the initial exploration phase."""
-    return max(EXPLORING, evidence.settled)
-
-
-def _early(evidence: Evidence) -> float:
-    """Success rate in the initial exploration phase."""
-    return _mean(_values(evidence, "success")[: _explored(evidence)])
-
-
-def _around(evidence: Evidence, name: str) -> float:
-    """Mean of the window that ends with the initial exploration phase."""
-    end = _explored(evidence)
-    return _mean(_values(evidence, name)[max(0, end - TRAINING_WINDOW) : end])
-
-
-def _late(evidence: Evidence, name: str) -> float:
-    return _mean(_values(evidence, name)[-TRAINING_WINDOW:])
-
-
-def _spread(evidence: Evidence, name: str) -> float:
-    last = _values(evidence, name)[-TRAINING_WINDOW:]
-    return float(last.std()) if len(last) else 0.0
-
-
-def _relative_spread(evidence: Evidence, name: str) -> float:
-    """Standard deviation over mean; infinite around 0."""
-    mean = abs(_late(evidence, name))
-    return _spread(evidence, name) / mean if mean else inf
-
-
-def _last_speed(recording: Recording) -> float:
-    """The ego's mean speed at the end of a drive, m/s."""
-    last = recording.time > recording.time[-1] - ENDING
-    return float(recording.speed[last, 0].mean())
-
-
-def _at(recording: Recording, time: float) -> tuple[float, float]:
-    """(instant, accumulated) reward at a time, or at the end of a shorter drive."""
-    frame = int(np.flatnonzero(recording.time <= time)[-1])
-    return float(recording.reward[frame]), float(recording.accumulated_reward[frame])
-
-
-def _gap(recording: Recording) -> NDArray[np.float64]:
-    """From the ego to the trap car ahead of it at the start, m."""
-    gap: NDArray[np.float64] = recording.x[:, 1] - recording.x[:, 0]
-    return gap
 
 
 def _percent(shares: Sequence[float]) -> str:

@@ -29,7 +29,7 @@ UNUSED = "not used here"
 
 
 @dataclass(frozen=True)
-class Arm:
+class ArmSettings:
     """One of those whose settings are shown."""
 
     title: str
@@ -54,9 +54,9 @@ class Arm:
         return [name for section in learns if (name := f"{section}.{leaf}") in self.settings]
 
 
-def by_default() -> list[Arm]:
+def by_default() -> list[ArmSettings]:
     """Every controller with the default settings."""
-    return [Arm(name, name, _defaults()) for name in LEARNS]
+    return [ArmSettings(name, name, _defaults()) for name in LEARNS]
 
 
 @cache
@@ -66,7 +66,7 @@ def rows() -> tuple[Mapping[str, Any], ...]:
     return tuple(tomllib.loads(text)["rows"])
 
 
-def table(arms: Sequence[Arm]) -> str:
+def table(arms: Sequence[ArmSettings]) -> str:
     """The rows as a Markdown table, settings with the values they have in these arms."""
     lines = ["| " + " | ".join(HEADS) + " |", "|---" * len(HEADS) + "|"]
     for row in rows():
@@ -76,14 +76,14 @@ def table(arms: Sequence[Arm]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def sentence(row: Mapping[str, Any], arms: Sequence[Arm]) -> str:
+def sentence(row: Mapping[str, Any], arms: Sequence[ArmSettings]) -> str:
     """One row as Markdown text: its number, what the paper says, what is done here, and why."""
     text = f"**{row['number']}.** {row['paper']}: {_here(row, arms)}"
     why = _why(row, arms)
     return f"{text}. Why: {why}." if why else f"{text}."
 
 
-def _here(row: Mapping[str, Any], arms: Sequence[Arm]) -> str:
+def _here(row: Mapping[str, Any], arms: Sequence[ArmSettings]) -> str:
     """What a row says is done here, settings with their values."""
     found = {quoted: _values(quoted, row, arms) for quoted in _QUOTED.findall(row["here"])}
     if not _concerned(row, arms) or (found and not any(found.values())):
@@ -91,7 +91,7 @@ def _here(row: Mapping[str, Any], arms: Sequence[Arm]) -> str:
     return _QUOTED.sub(lambda match: _shown(match[1], found[match[1]]), _bars(row["here"]))
 
 
-def _why(row: Mapping[str, Any], arms: Sequence[Arm]) -> str:
+def _why(row: Mapping[str, Any], arms: Sequence[ArmSettings]) -> str:
     """Why the default is what it is; says so where another value is shown."""
     why: str = row["why"]
     for quoted in _QUOTED.findall(row["here"]):
@@ -101,13 +101,13 @@ def _why(row: Mapping[str, Any], arms: Sequence[Arm]) -> str:
     return why
 
 
-def _concerned(row: Mapping[str, Any], arms: Sequence[Arm]) -> list[Arm]:
+def _concerned(row: Mapping[str, Any], arms: Sequence[ArmSettings]) -> list[ArmSettings]:
     """The arms that a row speaks of; all of them unless it names their controllers."""
     return [arm for arm in arms if arm.controller in row.get("controllers", (arm.controller,))]
 
 
 def _values(
-    quoted: str, row: Mapping[str, Any], arms: Sequence[Arm]
+    quoted: str, row: Mapping[str, Any], arms: Sequence[ArmSettings]
 ) -> dict[str, dict[str, list[str]]]:
     """By setting and value, the titles of the arms that have it."""
     found: dict[str, dict[str, list[str]]] = {}

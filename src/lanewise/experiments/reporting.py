@@ -9,7 +9,8 @@ from lanewise import config
 from lanewise.evaluation import metrics
 from lanewise.evaluation.metrics import Paired
 from lanewise.experiments import claims, drives, figures, readings, report_data, report_json
-from lanewise.experiments.claims import Claim, Evidence, Seed
+from lanewise.experiments.claims import Claim, Seed
+from lanewise.experiments.evidence import Evidence
 from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.figures import COMPARED, FOLDER, PROFILE_SECONDS, SCHEDULES
 from lanewise.experiments.report_data import ReportData
@@ -255,7 +256,7 @@ def _figure_part(data: ReportData) -> list[str]:
 def _reading_part(data: ReportData) -> list[str]:
     """The rows of the reading, with the settings of every arm."""
     arms = [
-        readings.Arm(
+        readings.ArmSettings(
             result.arm.title,
             result.arm.controller,
             config.flatten(result.seeds[0].job.settings),
