@@ -320,10 +320,3 @@ def test_one_that_cannot_be_used_does_not_count_among_those_kept(stored, chunk):
     (stored / f"{NEWEST}.safetensors").write_bytes(b"torn")
     store(stored, chunk, unusable=[NEWEST])
     assert chunks(stored) == [9, chunk]
-
-
-def test_later_ones_that_cannot_be_used_go_too(stored):
-    """The run went on from far before them and does not come past them for long."""
-    save(stored, checkpoint_name(0, 5), {"count": np.int32(5)}, {"chunk": 5}, DIGEST)
-    store(stored, 6, unusable=[checkpoint_name(0, 9), NEWEST])
-    assert chunks(stored) == [5, 6]

@@ -9,7 +9,7 @@ import small_runs
 
 import lanewise
 from lanewise.cli import main
-from lanewise.driving import observation, reward
+from lanewise.driving import reward
 from lanewise.errors import NumbersError, RunError
 from lanewise.runs import checkpoint, divergence, metrics_file, training_loop
 from lanewise.training import findings
@@ -20,14 +20,6 @@ FLAGS = small_runs.flags(chunks=5)
 def rarely(world):
     """Once in about a thousand decisions, told by the last digits of where a trap car is."""
     return jnp.floor(world.vehicles.x[1] * 4096.0) % 1009.0 == 7.0
-
-
-def spoiling_observation(value):
-    def observe(settings, world):
-        features = observation.features(settings, world)
-        return features.at[3].set(jnp.where(rarely(world), value, features[3]))
-
-    return observe
 
 
 def spoiling_reward(value):
@@ -111,13 +103,6 @@ def test_a_reward_that_is_not_finite(tmp_path, controller, stage, value):
     world = about["found"][0]["world"]
     assert np.array_equal(first.reward[world], np.float32(value), equal_nan=True)
     assert np.isfinite(first.observation).all()
-
-
-@pytest.mark.slow
-def test_an_observation_that_is_not_finite_in_h_dqn(tmp_path):
-    path, parts = tmp_path / "run", lanewise.Parts(observe=spoiling_observation(np.inf))
-    failed(path, "h-dqn", parts)
-    check_what_is_left(path, parts, "observation", "h-dqn")
 
 
 def huge(settings, world, steering, accident):

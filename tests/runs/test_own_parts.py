@@ -233,28 +233,25 @@ def test_progress_is_told_unless_quiet_is_asked(tmp_path, monkeypatch, capsys, q
     assert ("step 1" in told) != quiet
 
 
-def test_mistakes_leave_nothing_behind(tmp_path):
-    for given, said in (
-        ({"controller": "hierarchcal"}, "did you mean hierarchical"),
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
         ({"warm_up": 3}, "may be single_level.learner.warm_up, .* give it in full"),
         ({"scenario": {"trap_sped": 3.0}}, "unknown setting"),
-        ({"seed": "3"}, 'seed: expected a whole number, got "3"'),
-        ({"seed": -1}, "seed must be between 0 and 2147483647, got -1"),
         ({"parts": None}, "parts: expected lanewise.Parts"),
-    ):
-        with pytest.raises(SettingsError, match=said):
-            lanewise.train(tmp_path / "run", **given)
-    assert not (tmp_path / "run").exists()
-    with pytest.raises(SettingsError, match=r"parts: expected lanewise\.Parts"):
-        lanewise.evaluate("pretrained/single-level", parts=3)
-    for given, said in (
         ({"parts": lanewise.Parts(reward=asks)}, "reward: asks fails: .* jnp.where"),
         ({"controller": "single-level", "high_level": "a"}, "only hierarchical and planned"),
-        ({"high_level": tmp_path / "none"}, "no run in"),
-    ):
-        with pytest.raises(LanewiseError, match=said):
-            lanewise.train(tmp_path / "run", **given)
+        ({"high_level": "none"}, "no run in"),
+    ],
+    ids=str,
+)
+def test_mistakes_leave_nothing_behind(tmp_path, given, said):
+    with pytest.raises(LanewiseError, match=said):
+        lanewise.train(tmp_path / "run", **given)
     assert not (tmp_path / "run").exists()
+
+
+def test_a_file_in_the_place_of_a_folder_is_an_error(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(LanewiseError, match="cannot write"):
         lanewise.train(tmp_path / "file" / "run")

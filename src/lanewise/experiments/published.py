@@ -9,7 +9,7 @@ from lanewise.settings import TRAPS, Settings
 TRAINING_STARTS = "scenario.training_"
 """Begins the scenario settings that tests do not use."""
 CONTROLLERS_OWN = ("driving.observation.", "driving.actions.")
-"""What a controller sees and can do: part of it, not of the test."""
+"""What a controller observes and can do: part of it, not of the test."""
 DURATION = "evaluation.duration"
 TRAP = "trap-10"
 """The scenario of the published tests; the published training speed fits either (row 5)."""

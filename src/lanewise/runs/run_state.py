@@ -107,9 +107,18 @@ def has_stage(folder: RunFolder, name: str) -> bool:
 
 
 def finished_stages(folder: RunFolder) -> list[str]:
-    """Names of the finished stages, in order."""
+    """Names of the finished stages, in order.
+
+    Raises:
+        CheckpointError: an earlier stage than the last is missing.
+    """
     names = [stage.name for stage in recipe.RECIPES[folder.controller]]
-    return [name for name in names if has_stage(folder, name)]
+    done = [name for name in names if has_stage(folder, name)]
+    for name, found in zip(names, done, strict=False):
+        if name != found:
+            lost = folder.stages / f"{name}.json"
+            raise CheckpointError(f"{lost} is missing, though {found} comes after it")
+    return done
 
 
 def save_stage(folder: RunFolder, name: str, weights: Parameters, meta: dict[str, Any]) -> None:

@@ -57,7 +57,7 @@ class Progress:
         """Begins a stage that is complete at ``total``; a resumed one begins at ``done``."""
         if self._quiet:
             return
-        # It may be called what a stranger likes.
+        # An experiment may call an arm anything.
         name = self._name = one_line(name)
         self._total, self._first = total, done
         self._began = None
@@ -91,7 +91,7 @@ class Progress:
         self._line(", ".join(part for part in parts if part))
 
     def note(self, text: str) -> None:
-        """Writes a line that stays, such as a warning; it may name a stranger's file."""
+        """Writes a line that stays, such as a warning; control characters are spelled out."""
         text = printable(text)
         if self._bar is not None:
             self._bar.console.print(text, markup=False, highlight=False, soft_wrap=True)
