@@ -13,7 +13,8 @@ import jax
 import numpy as np
 
 from lanewise import config
-from lanewise.commands import journal
+from lanewise.cli import journal
+from lanewise.config.settings import ONE_LEVEL_STAGES, Settings
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.grid import Outcome, Reach
 from lanewise.experiments import experiment, work
@@ -24,7 +25,6 @@ from lanewise.runs.files import OpenFolder
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.metrics import MetricsWriter
 from lanewise.runs.trained import Trained
-from lanewise.settings import STAGES, Settings
 from lanewise.training import host, recipe
 
 STAGE = {
@@ -42,7 +42,7 @@ FLAGS = {
     "evaluation.duration": 4,
     "evaluation.validation_episodes": 5,
     "evaluation.validation_interval": 2,
-    **{f"{stage}.{name}": value for stage in STAGES for name, value in STAGE.items()},
+    **{f"{stage}.{name}": value for stage in ONE_LEVEL_STAGES for name, value in STAGE.items()},
 }
 WHOLE_SEED, OTHER_SEED = 4, 5
 IDENTITY = {"kind": "Sweep", "controller": "hierarchical", "weights": "0" * 64, "seed": 0}

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from lanewise.ranges import Between, OneOf
+from lanewise.fields.ranges import Between, OneOf
 
 HUGE = 10**400
 TYPES = {int: "whole number", float: "number", bool: "true or false", str: "one of"}

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from lanewise import forked, interop
+from lanewise.config.settings import Settings
 from lanewise.controllers.planned import Planned
+from lanewise.controllers.registry import TRAINABLE, WITH_STEP_1
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.parts import OURS, Parts, checked
 from lanewise.envs import functional, keywords
@@ -22,16 +24,15 @@ from lanewise.evaluation.metrics import Summary
 from lanewise.evaluation.outside import OutsideCourse
 from lanewise.evaluation.settings import EvaluationSettings
 from lanewise.experiments import published, testing
-from lanewise.names import look_up
+from lanewise.fields.ranges import EPISODES, SEEDS, FieldType
+from lanewise.fields.suggestions import look_up
 from lanewise.progress import Progress
-from lanewise.ranges import EPISODES, SEEDS, Kind
 from lanewise.report import files, table
 from lanewise.runs import train as training
 from lanewise.runs import trained, views
-from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1, RunFolder
+from lanewise.runs.folder import RunFolder
 from lanewise.runs.lender import check_lender
 from lanewise.runs.trained import Trained
-from lanewise.settings import Settings
 from lanewise.training import trial
 
 __all__ = ["Evaluation", "Parts", "evaluate", "train"]
@@ -39,11 +40,11 @@ __all__ = ["Evaluation", "Parts", "evaluate", "train"]
 WORLDS = ("lanewise", "highway-env")
 SECTIONS = tuple(part.name for part in fields(Settings))
 """Of the settings, what a training heeds: all."""
-SEED = Kind(int, None, SEEDS)
+SEED = FieldType(int, None, SEEDS)
 """As of the command line."""
-COUNT = Kind(int, None, EPISODES)
+COUNT = FieldType(int, None, EPISODES)
 """As of the command line."""
-PATH, SWITCH, TEXT = Kind(Path), Kind(bool), Kind(str)
+PATH, SWITCH, TEXT = FieldType(Path), FieldType(bool), FieldType(str)
 
 
 @dataclass(frozen=True)
@@ -149,7 +150,7 @@ def train(
     """
     forked.refuse()
     path: Path = PATH.check("out", out)
-    look_up("controller", controller, dict.fromkeys(CONTROLLERS))
+    look_up("controller", controller, dict.fromkeys(TRAINABLE))
     seed, parts = None if seed is None else _whole(SEED, "seed", seed), checked(parts)
     for name, value in {"resume": resume, "tensorboard": tensorboard, "quiet": quiet}.items():
         SWITCH.check(name, value)
@@ -274,7 +275,7 @@ def evaluate(
     )
 
 
-def _whole(kind: Kind, name: str, given: Any) -> int:
+def _whole(kind: FieldType, name: str, given: Any) -> int:
     """A whole number as the command line takes it; NumPy's are taken too.
 
     Raises:

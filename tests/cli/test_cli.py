@@ -5,14 +5,14 @@ import subprocess
 import sys
 
 import pytest
+from lanewise.commands import compare, train
 
 from lanewise import __version__, cli
-from lanewise.cli import main
-from lanewise.commands import compare, train
-from lanewise.commands.arguments import parse
+from lanewise.cli.command_line import parse
+from lanewise.cli.main import main
+from lanewise.config.settings import Settings
 from lanewise.report import provenance
 from lanewise.runs.folder import RunFolder
-from lanewise.settings import Settings
 
 TRAIN = ["train", "hierarchical", "--out", "run"]
 
@@ -26,7 +26,7 @@ def inside(tmp_path, monkeypatch):
 
 def run_process(*words, **options):
     code = (
-        "import sys; from lanewise.cli import main; code = main(sys.argv[1:])\n"
+        "import sys; from lanewise.cli.main import main; code = main(sys.argv[1:])\n"
         "heavy = {'jax', 'jaxlib', 'optax', 'highway_env', 'gymnasium'} & sys.modules.keys()\n"
         "sys.exit(f'imported {heavy}' if heavy else code)"
     )
@@ -261,7 +261,7 @@ def test_help_lists_every_setting_with_text_default_and_range(command, capsys, m
 
     assert main([command, "--help"]) == 0
     output = " ".join(capsys.readouterr().out.replace("│", " ").split())
-    for name in config.kinds():
+    for name in config.field_types():
         assert f"--{name.replace('_', '-')} " in output
     expected = "Speed of both trap cars, all episode long. [between 0.5 and 40 m/s] (default: 10.0)"
     assert expected in output
@@ -269,7 +269,7 @@ def test_help_lists_every_setting_with_text_default_and_range(command, capsys, m
 
 
 def test_no_setting_is_without_help():
-    from lanewise.commands.docstrings import of_fields
+    from lanewise.fields.docstrings import of_fields
 
     for owner in {type(part) for part in _parts(Settings())} | set(cli.COMMANDS.values()):
         assert set(of_fields(owner)) == set(owner.__dataclass_fields__), owner

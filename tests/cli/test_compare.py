@@ -12,7 +12,7 @@ import small_runs
 
 import lanewise
 from lanewise import config
-from lanewise.cli import main
+from lanewise.cli.main import main
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import drive
 from lanewise.report import files

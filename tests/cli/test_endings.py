@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from lanewise import cli
-from lanewise.cli import main
+from lanewise.cli.main import main
 from lanewise.errors import printable
 from lanewise.experiments import testing
 from lanewise.report import clip

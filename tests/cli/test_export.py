@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from lanewise.cli import main
+from lanewise.cli.main import main
 from lanewise.evaluation import drive
 from lanewise.export import check, numpy_policy
 from lanewise.export.check import Agreement

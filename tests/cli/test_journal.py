@@ -8,7 +8,7 @@ from dataclasses import asdict
 
 import pytest
 
-from lanewise.commands import journal
+from lanewise.cli import journal
 from lanewise.errors import RunError
 from lanewise.evaluation.grid import Outcome, Reach
 from lanewise.runs import lock

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from lanewise import version
-from lanewise.cli import main
+from lanewise.cli.main import main
 from lanewise.experiments import drives, schedule
 from lanewise.report import provenance
 from lanewise.runs import lock

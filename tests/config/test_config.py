@@ -5,11 +5,12 @@ import tomllib
 
 import pytest
 
-from lanewise import config, cores, crosschecks
+from lanewise import config, cores
+from lanewise.config import validation
+from lanewise.config.settings import ONE_LEVEL_STAGES, PRESETS, TRAPS, Settings
 from lanewise.errors import SettingsError
-from lanewise.ranges import Between
+from lanewise.fields.ranges import Between
 from lanewise.runs.folder import CONTROLLERS, RunFolder
-from lanewise.settings import PRESETS, STAGES, TRAPS, Settings
 from lanewise.training import recipe
 
 
@@ -35,7 +36,7 @@ def test_presets_are_valid_and_survive_toml(preset, trap, tmp_path):
 def test_toml_holds_every_setting_once():
     table = tomllib.loads(config.dump_toml(Settings()))
     leaves = [line for line in config.dump_toml(Settings()).splitlines() if " = " in line]
-    assert len(leaves) == len(config.kinds())
+    assert len(leaves) == len(config.field_types())
     assert table["scenario"]["traffic"]["driver"]["time_gap"] == 1.5
 
 
@@ -48,7 +49,7 @@ def test_paper_preset_has_the_papers_budgets():
     assert paper.low_level.learner.discount == 0.8
 
 
-@pytest.mark.parametrize("stage", [*STAGES, "h_dqn"])
+@pytest.mark.parametrize("stage", [*ONE_LEVEL_STAGES, "h_dqn"])
 def test_paper_preset_adds_nothing_to_the_method(stage):
     """One world and an update a decision; goals last till achieved; the external reward alone."""
     paper = config.compose("paper")
@@ -275,17 +276,17 @@ def test_memory_is_asked_of_the_stages_that_are_trained():
     with pytest.raises(
         SettingsError, match=r"^low_level\.learner\.hidden and replay_capacity need"
     ):
-        crosschecks.check_memory(wide, "hierarchical", 24 << 30)
-    crosschecks.check_memory(wide, "hierarchical", 81 << 30)
-    crosschecks.check_memory(wide, "planned", 24 << 30)
-    crosschecks.check_memory(wide, "hierarchical", None)
+        validation.check_memory(wide, "hierarchical", 24 << 30)
+    validation.check_memory(wide, "hierarchical", 81 << 30)
+    validation.check_memory(wide, "planned", 24 << 30)
+    validation.check_memory(wide, "hierarchical", None)
     long = config.compose(flags={"h_dqn.high_level.learner.replay_capacity": 10_000_000})
     with pytest.raises(SettingsError, match=r"^h_dqn\.high_level\.learner.*need at least 2\.0 GiB"):
-        crosschecks.check_memory(long, "h-dqn", 1 << 30)
+        validation.check_memory(long, "h-dqn", 1 << 30)
     with pytest.raises(SettingsError, match=r"need at least .* 60,000 numbers are observed"):
-        crosschecks.check_memory(Settings(), "planned", 1 << 30, 60_000)
-    assert crosschecks.TRAINED.keys() == set(CONTROLLERS)
-    for controller, sections in crosschecks.TRAINED.items():
+        validation.check_memory(Settings(), "planned", 1 << 30, 60_000)
+    assert validation.TRAINED.keys() == set(CONTROLLERS)
+    for controller, sections in validation.TRAINED.items():
         learn = [level for stage in recipe.RECIPES[controller] for level in stage.learns]
         assert list(sections) == learn or sections == ("h_dqn",)
 
@@ -383,7 +384,7 @@ def test_unreadable_toml_files(tmp_path):
 
 def test_a_range_is_given_taken_back_and_written(tmp_path):
     name = "scenario.training_ego_speed"
-    kind = config.kinds()[name]
+    kind = config.field_types()[name]
     assert kind.parse(name, ["8", "13"]) == (8.0, 13.0)
     assert kind.parse(name, ["none"]) == ()
     with pytest.raises(SettingsError, match="expected 2 numbers or none"):

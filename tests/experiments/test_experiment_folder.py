@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from lanewise.cli import main
+from lanewise.cli.main import main
 from lanewise.errors import RunError
 from lanewise.experiments import experiment, folder, reporting, schedule, work
 from lanewise.runs.files import OpenFolder

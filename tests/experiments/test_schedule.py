@@ -17,12 +17,12 @@ import jax
 import numpy as np
 import pytest
 
+from lanewise.controllers.registry import STEP_1
 from lanewise.errors import RunError
 from lanewise.experiments import experiment, results, schedule, work
 from lanewise.runs import lock, trained
 from lanewise.runs.files import OpenFolder
 from lanewise.runs.folder import RunFolder
-from lanewise.training import recipe
 
 # With the stages of cli/test_reproduce.py, whose compiled programs are then at hand.
 TINY = {
@@ -147,10 +147,10 @@ def test_an_interrupted_run_that_took_over_step_1_goes_on_without_it(tiny, tmp_p
 
     def interrupted(folder, high_level, reporter):
         asked.append(high_level)
-        shapes = trained.blank_networks(folder, recipe.STEP_1)
+        shapes = trained.blank_networks(folder, STEP_1)
         weights = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
         if not trained.has_stage(folder, "step-1"):
-            trained.save_stage(folder, recipe.STEP_1, weights, {"metrics_bytes": 0})
+            trained.save_stage(folder, STEP_1, weights, {"metrics_bytes": 0})
         raise KeyboardInterrupt
 
     monkeypatch.setattr(work, "train", interrupted)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from lanewise import config
+from lanewise.controllers.registry import STEP_1
 from lanewise.errors import CheckpointError, RunError
 from lanewise.runs import checkpoint, records, resume, trained
 from lanewise.runs.folder import RunFolder
-from lanewise.training import recipe
 from lanewise.training import stage as stage_loop
 from lanewise.training.host import Ledger
 from lanewise.training.selection import RECENT, WINDOW
@@ -30,7 +30,7 @@ def folder(tmp_path):
 
 @pytest.fixture
 def plan(folder):
-    return resume.plan_of(folder, recipe.STEP_1)
+    return resume.plan_of(folder, STEP_1)
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 from test_train import FLAGS
 
 import lanewise
-from lanewise.cli import main
+from lanewise.cli.main import main
 from lanewise.driving import observation, reward
 from lanewise.errors import NumbersError, RunError
 from lanewise.runs import again, checkpoint, diverged, metrics, train

@@ -7,7 +7,7 @@ import pytest
 from small_runs import Quiet, results, resume
 from test_train import create, press_ctrl_c
 
-from lanewise import cli
+from lanewise.cli.main import main
 from lanewise.errors import LanewiseError
 from lanewise.runs import checkpoint, files, train
 
@@ -106,7 +106,7 @@ def test_no_whole_checkpoint_is_refused(copy, capsys):
     for file in (copy / "checkpoints").glob("*.safetensors"):
         file.write_bytes(b"nothing")
     before = (copy / "metrics.jsonl").read_bytes()
-    assert cli.main(["train", "hierarchical", "--out", str(copy), "--resume"]) == 2
+    assert main(["train", "hierarchical", "--out", str(copy), "--resume"]) == 2
     assert "no checkpoint can be used" in capsys.readouterr().err
     assert (copy / "metrics.jsonl").read_bytes() == before
 
@@ -118,7 +118,7 @@ def test_a_full_disk_leaves_the_run_resumable(copy, whole, monkeypatch, capsys):
 
     with monkeypatch.context() as patch:
         patch.setattr(files, "_write", full)
-        assert cli.main(["train", "hierarchical", "--out", str(copy), "--resume"]) == 2
+        assert main(["train", "hierarchical", "--out", str(copy), "--resume"]) == 2
     error = capsys.readouterr().err
     assert "No space left on device" in error
     assert "Traceback" not in error

@@ -7,9 +7,9 @@ import sys
 import pytest
 
 from lanewise import config, reading, version
+from lanewise.config.settings import Settings
 from lanewise.errors import RunError
 from lanewise.runs.folder import RunFolder, require_empty
-from lanewise.settings import Settings
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ import pytest
 import strangers_files
 
 from lanewise import config, reading
+from lanewise.config.settings import Settings
 from lanewise.errors import CheckpointError, LanewiseError, RunError, SettingsError
 from lanewise.experiments import experiment, work
 from lanewise.export import numpy_policy
@@ -19,7 +20,6 @@ from lanewise.runs import resume, trained, views
 from lanewise.runs.files import OpenFolder
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.metrics import MetricsWriter
-from lanewise.settings import Settings
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 
 import lanewise
 from lanewise import Parts, api, config
-from lanewise.cli import main
+from lanewise.cli.main import main
 from lanewise.errors import LanewiseError, RunError, SettingsError
 from lanewise.runs.folder import RunFolder
 

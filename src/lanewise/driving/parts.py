@@ -14,7 +14,7 @@ from lanewise import pinned
 from lanewise.driving import observation, reward
 from lanewise.driving.settings import DrivingSettings, ObservationSettings, RewardSettings
 from lanewise.errors import LanewiseError, SettingsError, brief
-from lanewise.ranges import show
+from lanewise.fields.ranges import show
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
 from lanewise.world.state import World

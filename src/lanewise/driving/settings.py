@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from math import ceil, pi
 from typing import Annotated
 
-from lanewise.ranges import Between, OneOf
+from lanewise.fields.ranges import Between, OneOf
 
 Weight = Between(0.0, 1000.0)
 

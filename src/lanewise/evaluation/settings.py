@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from lanewise.ranges import Between
+from lanewise.fields.ranges import Between
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from lanewise.controllers.registry import STEP_1
 from lanewise.evaluation.episodes import Recording
 from lanewise.experiments import testing, work
 from lanewise.experiments.experiment import Arm, Experiment
@@ -15,7 +16,6 @@ from lanewise.runs import kept, metrics, trained
 from lanewise.runs.folder import RunFolder
 from lanewise.runs.kept import Kept
 from lanewise.runs.trained import Trained
-from lanewise.training import recipe
 
 WORLDS = ("lanewise", "highway-env")
 
@@ -51,7 +51,7 @@ class SeedResult:
         """The metrics of its training, and before them those of a step 1 that it took over."""
         lender = self.job.high_level
         taken = [] if lender is None else trained.lines(RunFolder.open(lender))
-        return [line for line in taken if line["stage"] == recipe.STEP_1.name] + self.lines
+        return [line for line in taken if line["stage"] == STEP_1.name] + self.lines
 
     @property
     def episodes(self) -> list[dict[str, Any]]:

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from lanewise import config, reading, version
+from lanewise.config.settings import Settings
+from lanewise.controllers.registry import STEP_1
 from lanewise.errors import LanewiseError, RunError
 from lanewise.evaluation import metrics
 from lanewise.evaluation.episodes import Episodes
@@ -22,8 +24,6 @@ from lanewise.runs.files import OpenFolder, write_atomically
 from lanewise.runs.folder import LARGEST_SETTINGS, RunFolder
 from lanewise.runs.train import train
 from lanewise.runs.trained import Trained
-from lanewise.settings import Settings
-from lanewise.training import recipe
 
 SETTINGS = "settings.toml"
 """What a reference driver was tested with; a training has its own in its run folder."""
@@ -96,7 +96,7 @@ def check(job: Job) -> None:
             data = reading.contents(file, LARGEST_SETTINGS, links=False)
         except reading.UnreadableError as error:
             raise RunError(f"cannot read {file}: {error}; choose another folder") from error
-        difference = config.first_difference(config.compose_from(data, file), job.settings)
+        difference = config.first_difference(config.compose_file(file, data), job.settings)
         if difference:
             raise RunError(f"{job.path} was tested with other settings: there {difference}")
 
@@ -123,7 +123,7 @@ def run(job: Job, reporter: Progress, out: OpenFolder) -> dict[str, float]:
                 if not trained.is_finished(folder):
                     began = time.monotonic()
                     # A run that was stopped after it took over step 1 has it already.
-                    taken = trained.has_stage(folder, recipe.STEP_1.name)
+                    taken = trained.has_stage(folder, STEP_1.name)
                     train(folder, None if taken else job.high_level, reporter)
                     times[f"train {job.label}"] = time.monotonic() - began
             controller = trained.load(job.path)

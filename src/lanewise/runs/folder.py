@@ -28,20 +28,18 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from lanewise import config, cores, crosschecks, reading, version
+from lanewise import config, cores, reading, version
+from lanewise.config import validation
+from lanewise.config.settings import Settings
+from lanewise.controllers.registry import TRAINABLE
 from lanewise.errors import RunError, SettingsError, brief
-from lanewise.ranges import SEEDS
+from lanewise.fields.ranges import SEEDS
 from lanewise.runs import lock
 from lanewise.runs.compiler import switches
 from lanewise.runs.files import PARTIAL, OpenFolder, write_atomically
-from lanewise.settings import Settings
 
 FORMAT = "lanewise-run"
 VERSION = 2
-CONTROLLERS = ("hierarchical", "single-level", "planned", "h-dqn")
-"""What can be trained."""
-WITH_STEP_1 = ("hierarchical", "planned")
-"""Controllers whose training begins with step 1, and can take it over from another run."""
 LARGEST_SEED = int(SEEDS.high)
 _LARGEST_MANIFEST = 100_000
 LARGEST_SETTINGS = 100_000
@@ -68,7 +66,7 @@ class RunFolder:
     settings: Settings
     """Every setting the run was made with."""
     controller: str
-    """What is trained: a name in ``CONTROLLERS``."""
+    """What is trained: a name in `lanewise.controllers.registry.TRAINABLE`."""
     seed: int
     """Seed of everything random."""
     digest: str
@@ -90,7 +88,7 @@ class RunFolder:
         controller: str,
         seed: int,
         parts: tuple[str, ...] = (),
-        observed: int = crosschecks.FEATURES,
+        observed: int = validation.FEATURES,
     ) -> "RunFolder":
         """Makes a run in a new or empty folder and locks it.
 
@@ -107,7 +105,7 @@ class RunFolder:
                 or the seed is none.
             SettingsError: The machine has not the memory for what they ask.
         """
-        crosschecks.check_memory(settings, controller, cores.memory(), observed)
+        validation.check_memory(settings, controller, cores.memory(), observed)
         name = _name_of(path)
         require_empty(name)
         if type(seed) is not int or not 0 <= seed <= LARGEST_SEED:
@@ -350,7 +348,7 @@ def _read_manifest(path: Path) -> dict[str, Any]:
 
 def _check_identity(file: Path, manifest: dict[str, Any]) -> None:
     seed = manifest.get("seed")
-    if manifest.get("controller") not in CONTROLLERS or type(seed) is not int:
+    if manifest.get("controller") not in TRAINABLE or type(seed) is not int:
         raise RunError(f"{file} is damaged: no controller or seed")
     if not 0 <= seed <= LARGEST_SEED:
         raise RunError(f"{file} is damaged: seed must be from 0 to {LARGEST_SEED}")
@@ -372,7 +370,7 @@ def _read_settings(path: Path, manifest: dict[str, Any]) -> Settings:
     file = path / "settings.toml"
     try:
         data = reading.contents(file, LARGEST_SETTINGS, links=False)
-        settings = config.compose_from(data, file)
+        settings = config.compose_file(file, data)
     except reading.UnreadableError as error:
         raise RunError(f"cannot read settings file {file}: {error}") from error
     except SettingsError as error:

@@ -3,13 +3,11 @@
 import os
 from pathlib import Path
 
-from lanewise import crosschecks
+from lanewise.config import validation
+from lanewise.config.settings import Settings
+from lanewise.controllers.registry import STEP_1
 from lanewise.errors import RunError, SettingsError
 from lanewise.runs.folder import RunFolder
-from lanewise.settings import Settings
-
-STEP_1 = "step-1"
-"""Name of `training.recipe.STEP_1`, known without importing it."""
 
 
 def check_lender(source: Path, settings: Settings, parts: tuple[str, ...] = ()) -> RunFolder:
@@ -25,11 +23,11 @@ def check_lender(source: Path, settings: Settings, parts: tuple[str, ...] = ()) 
             they see, or it was trained with other parts.
     """
     lender = RunFolder.open(source)
-    if not os.path.lexists(lender.stages / f"{STEP_1}.json"):
-        raise RunError(f"{source} has no finished {STEP_1}: it cannot lend its high level")
+    if not os.path.lexists(lender.stages / f"{STEP_1.name}.json"):
+        raise RunError(f"{source} has no finished {STEP_1.name}: it cannot lend its high level")
     lender.check_parts(parts)
     try:
-        crosschecks.check_high_level(lender.settings, settings)
+        validation.check_high_level(lender.settings, settings)
     except SettingsError as error:
         raise RunError(f"{source} {error}") from error
     return lender

@@ -9,6 +9,7 @@ import jax
 
 from lanewise import pinned
 from lanewise.controllers.controller import Parameters
+from lanewise.controllers.registry import Stage
 from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import CheckpointError, RunError
 from lanewise.runs import checkpoint, records, trained, tree
@@ -62,7 +63,7 @@ def read(folder: RunFolder, parts: Parts = OURS) -> Left:
     return Left(handed, found, warning, unusable, mark)
 
 
-def plan_of(folder: RunFolder, stage: recipe.Stage, parts: Parts = OURS) -> StagePlan:
+def plan_of(folder: RunFolder, stage: Stage, parts: Parts = OURS) -> StagePlan:
     """The stage ready to run, with the run's settings."""
     settings = folder.settings
     return StagePlan(

@@ -15,6 +15,7 @@ import jax
 
 from lanewise import pinned, signals
 from lanewise.controllers.controller import Parameters
+from lanewise.controllers.registry import Stage
 from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import NumbersError, RunError, shell_line
 from lanewise.progress import Progress
@@ -148,7 +149,7 @@ def train(
 def _run_stage(
     files: _Files,
     index: int,
-    stage: recipe.Stage,
+    stage: Stage,
     frozen: Parameters,
     found: checkpoint.Checkpoint | None,
     reporter: Progress,

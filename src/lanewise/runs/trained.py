@@ -8,7 +8,9 @@ from typing import Any
 import jax
 
 from lanewise import pinned
+from lanewise.config.settings import Settings
 from lanewise.controllers.controller import Parameters
+from lanewise.controllers.registry import STEP_1, Stage
 from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import CheckpointError, RunError, shell_line
 from lanewise.learning import network
@@ -16,9 +18,7 @@ from lanewise.runs import checkpoint, records, shelf, tree
 from lanewise.runs.folder import STAGES, RunFolder
 from lanewise.runs.lender import check_lender
 from lanewise.runs.metrics import MetricsWriter
-from lanewise.settings import Settings
 from lanewise.training import recipe
-from lanewise.training.recipe import Stage
 from lanewise.version import __version__
 
 CONTROLLER = "controller"
@@ -195,7 +195,7 @@ def take_over_high_level(folder: RunFolder, source: Path, parts: Parts = OURS) -
         RunError: the source has no finished step 1, or the two high levels differ in shape or in
             what they see.
     """
-    first = recipe.STEP_1
+    first = STEP_1
     if has_stage(folder, first.name):
         raise RunError(f"{folder.path} has its own step 1 already; resume it without --high-level")
     other = check_lender(source, folder.settings, parts.names())

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Annotated
 
+from lanewise.fields.ranges import Between, OneOf
 from lanewise.learning.settings import ExplorationSettings, LearnerSettings
-from lanewise.ranges import Between, OneOf
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from functools import partial
 import jax
 
 from lanewise.controllers.controller import Parameters
+from lanewise.controllers.registry import Stage
 from lanewise.driving.parts import Parts, named
 from lanewise.errors import SettingsError
 from lanewise.evaluation import drive
@@ -42,9 +43,7 @@ def trace(settings: RecipeSettings, controller: str, parts: Parts) -> int:
     return observed
 
 
-def _learnt(
-    settings: RecipeSettings, each: recipe.Stage, parts: Parts, frozen: Parameters
-) -> Parameters:
+def _learnt(settings: RecipeSettings, each: Stage, parts: Parts, frozen: Parameters) -> Parameters:
     """What a stage would hand on, as shapes, once its programs are traced."""
     course = recipe.course(settings, each, parts)
     validation = recipe.validation_course(settings, each, parts)

@@ -1,4 +1,4 @@
-"""The command line: finds the command, and turns every refusal into one or two lines.
+"""Entry point: dispatches to a command, and turns every refusal into one or two lines.
 
 Imports no JAX, so that ``--help`` and a refused setting answer at once.
 """
@@ -7,55 +7,41 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
+from importlib import import_module
 from typing import Any, TextIO
 
 from lanewise import signals
-from lanewise.commands import (
-    bench,
-    compare,
-    doctor,
-    evaluate,
-    export,
-    reproduce,
-    sweep,
-    train,
-    watch,
-)
-from lanewise.commands.arguments import Parsed, parse, without_settings
+from lanewise.cli import command_line
 from lanewise.errors import LanewiseError, SettingsError, brief, printable, shell_line
-from lanewise.names import look_up
+from lanewise.fields.suggestions import look_up
 from lanewise.version import __version__
 
-COMMANDS: dict[str, type] = {
-    "train": train.Train,
-    "evaluate": evaluate.Evaluate,
-    "compare": compare.Compare,
-    "watch": watch.Watch,
-    "export": export.Export,
-    "sweep": sweep.Sweep,
-    "reproduce": reproduce.Reproduce,
-    "bench": bench.Bench,
-    "doctor": doctor.Doctor,
+COMMANDS = {
+    "train": "Train a controller into a run folder, or continue a run that was stopped.",
+    "evaluate": "Test a trained controller: greedy episodes of 25 s from the test start.",
+    "compare": "Test several trained controllers on the same starts and show them side by side.",
+    "watch": "Draw one test episode from above, with goal, speed and reward.",
+    "export": "Write a controller as an ONNX model or for NumPy alone.",
+    "sweep": "Test a trained controller over a grid of starts and draw a map of the results.",
+    "reproduce": "Run an experiment of the paper: train its arms, test them, report.",
+    "bench": "Measure speed on this machine.",
+    "doctor": "Show what is installed, what is missing for which feature, and what to do.",
 }
+"""The commands. Each is a dataclass and a function ``run`` in its own module of this room, which is
+imported when the command is called."""
 
-RUNNERS: dict[str, Callable[[Parsed[Any]], int]] = {
-    "train": train.run,
-    "evaluate": evaluate.run,
-    "compare": compare.run,
-    "watch": watch.run,
-    "export": export.run,
-    "sweep": sweep.run,
-    "reproduce": reproduce.run,
-    "bench": bench.run,
-    "doctor": doctor.run,
-}
+HELP = """\
+usage: lanewise COMMAND [OPTIONS]
 
-DESCRIPTION = (
-    "Teaches a car to get out of slow traffic. "
-    "`lanewise COMMAND --help` lists a command's options; `lanewise --version` tells the version."
-)
+Teaches a car to get out of slow traffic.
+
+commands:
+{commands}
+
+`lanewise COMMAND --help` lists a command's options; `lanewise --version` shows the version.
+"""
 
 REFUSED = 2
 INTERRUPTED = 130
@@ -69,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     for stream in (sys.stdout, sys.stderr):
-        _spell_out(stream)
+        _escape_unencodable(stream)
     try:
         with signals.heard(signal.SIGTERM, signal.default_int_handler):
             code = _dispatch(words)
@@ -80,23 +66,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _refuse(str(error))
     except KeyboardInterrupt:
         _tell(f"\nlanewise: interrupted{_how_to_resume(words)}\n")
-        _abandon(sys.stdout)
+        _flush_or_discard(sys.stdout)
         return INTERRUPTED
     except BrokenPipeError:
         # The reader has gone (`lanewise … | head`): end without a word.
-        _abandon(sys.stdout)
+        _flush_or_discard(sys.stdout)
         return 0
     except OSError as error:
-        _abandon(sys.stdout)
+        _flush_or_discard(sys.stdout)
         place = f": {error.filename}" if error.filename else ""
         return _refuse(f"{error.strerror or error}{place}")
 
 
+def command_module(name: str) -> Any:
+    """The module of a command: its dataclass, called as the command, and ``run``."""
+    return import_module(f"lanewise.cli.{name}_command")
+
+
+def command_class(name: str) -> Any:
+    """The dataclass of a command."""
+    return getattr(command_module(name), name.capitalize())
+
+
 def _dispatch(words: list[str]) -> int:
     if not words or words[0] in ("-h", "--help"):
-        from lanewise.commands import helptext
-
-        helptext.show_all(COMMANDS, DESCRIPTION)
+        listed = (f"  {name:<11}{summary}" for name, summary in COMMANDS.items())
+        sys.stdout.write(HELP.format(commands="\n".join(listed)))
         return 0
     name, rest = words[0], words[1:]
     if name == "--version":
@@ -104,13 +99,12 @@ def _dispatch(words: list[str]) -> int:
         return 0
     if name.startswith("-"):
         raise SettingsError(f'expected a command before "{brief(name)}": ' + ", ".join(COMMANDS))
-    command = look_up("command", name, COMMANDS)
+    look_up("command", name, COMMANDS)
     if "-h" in rest or "--help" in rest:
-        from lanewise.commands import helptext
-
-        helptext.show_one(name, command)
+        sys.stdout.write(command_line.help_text(command_class(name)))
         return 0
-    return RUNNERS[name](parse(command, rest))
+    code: int = command_module(name).run(command_line.parse(command_class(name), rest))
+    return code
 
 
 def _refuse(message: str) -> int:
@@ -119,19 +113,19 @@ def _refuse(message: str) -> int:
 
 
 def _tell(text: str) -> None:
-    """Writes to standard error, if anybody listens: Ctrl-C ends the reader of a pipe as well."""
+    """Writes to standard error, if anybody reads it: Ctrl-C ends the reader of a pipe as well."""
     with suppress(OSError):
         sys.stderr.write(text)
-    _abandon(sys.stderr)
+    _flush_or_discard(sys.stderr)
 
 
-def _spell_out(stream: TextIO) -> None:
-    """Lets a stream spell out what its encoding lacks, instead of failing there."""
+def _escape_unencodable(stream: TextIO) -> None:
+    """Lets a stream escape characters that its encoding lacks, instead of failing there."""
     if isinstance(stream, io.TextIOWrapper):
         stream.reconfigure(errors="backslashreplace")
 
 
-def _abandon(stream: TextIO) -> None:
+def _flush_or_discard(stream: TextIO) -> None:
     """Keeps Python from failing a second time when it flushes a stream at exit."""
     try:
         stream.flush()
@@ -146,5 +140,6 @@ def _how_to_resume(words: list[str]) -> str:
     if words[:1] != ["train"]:
         return ""
     # A file of settings may have been edited since.
-    again = train.resuming(without_settings(train.Train, words[1:]))
-    return f"; continue with:\n  {shell_line('lanewise', *again)}"
+    command = command_line.parse_without_settings(command_class("train"), words[1:])
+    resuming = command_module("train").resuming(command)
+    return f"; continue with:\n  {shell_line('lanewise', *resuming)}"

@@ -8,16 +8,17 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
-from lanewise import config, cores, crosschecks, extras
-from lanewise.commands.arguments import Parsed
+from lanewise import config, cores, extras
+from lanewise.cli.command_line import Parsed
+from lanewise.config import validation
+from lanewise.config.settings import TRAPS, Settings
 from lanewise.errors import LanewiseError, RunError, SettingsError, one_line, shell_line
 from lanewise.experiments import experiment as experiments
 from lanewise.experiments import folder
 from lanewise.experiments.experiment import BUILT_IN, Experiment
+from lanewise.fields.ranges import EPISODES, SEEDS, Between, OneOf
 from lanewise.progress import tell
-from lanewise.ranges import EPISODES, SEEDS, Between, OneOf
 from lanewise.runs import lock
-from lanewise.settings import TRAPS, Settings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +52,7 @@ class Reproduce:
     """Scenario preset."""
     settings: Path | None = None
     """TOML file with any of the settings below; like them, it wins over those of the arms."""
-    values: Settings = field(default_factory=Settings, metadata={"inline": True})
+    values: Settings = field(default_factory=Settings)
     """Every setting."""
 
 
@@ -65,7 +66,7 @@ def run(parsed: Parsed[Reproduce]) -> int:
     for arm in whole.arms:
         settings = whole.settings(arm, command.trap, overrides)
         if arm.trained:
-            crosschecks.check_memory(settings, arm.controller, cores.memory())
+            validation.check_memory(settings, arm.controller, cores.memory())
     extras.check()
     wanted = any(chosen.count(arm, "highway_env_episodes") for arm in chosen.arms)
     if wanted and find_spec("highway_env") is None:

@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Annotated
 
 from lanewise import extras
-from lanewise.commands.arguments import Parsed
-from lanewise.commands.evaluate import WORLDS
+from lanewise.cli.command_line import Parsed
+from lanewise.cli.evaluate_command import WORLDS
 from lanewise.errors import SettingsError
+from lanewise.fields.ranges import SEEDS, Between, OneOf
 from lanewise.progress import tell
-from lanewise.ranges import SEEDS, Between, OneOf
 from lanewise.runs import shelf
 
 FORMATS = (".gif", ".mp4")

@@ -4,13 +4,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from lanewise.commands.arguments import Parsed
+from lanewise.cli.command_line import Parsed
+from lanewise.config.settings import PRESETS, TRAPS, Settings
+from lanewise.controllers.registry import TRAINABLE, WITH_STEP_1
 from lanewise.errors import RunError, shell_line
+from lanewise.fields.ranges import SEEDS, OneOf
 from lanewise.progress import Progress, tell
-from lanewise.ranges import SEEDS, OneOf
 from lanewise.runs import lender
-from lanewise.runs.folder import CONTROLLERS, WITH_STEP_1, RunFolder, stages_of
-from lanewise.settings import PRESETS, TRAPS, Settings
+from lanewise.runs.folder import RunFolder, stages_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +23,7 @@ class Train:
     docs/paper.md.
     """
 
-    controller: Annotated[str, OneOf(CONTROLLERS)] = field(metadata={"positional": True})
+    controller: Annotated[str, OneOf(TRAINABLE)] = field(metadata={"positional": True})
     """Which controller to train: hierarchical, a high level that sets goals (step 1) and a low
     level that learns to reach them (step 2), as in the paper; single-level, the flat baseline on
     the same nine actions; planned, step 1 alone, whose goals a planner carries out; h-dqn, both
@@ -31,13 +32,13 @@ class Train:
     """Run folder: new or empty, or a stopped run together with --resume."""
     seed: Annotated[int, SEEDS] = 0
     """Seed of everything random."""
-    resume: bool = field(default=False, metadata={"switch": True})
+    resume: bool = False
     """Continue the run in the folder, with its own settings, to the same bits as if it had never
     stopped."""
     high_level: Path | None = None
     """A run whose finished step 1 is taken over: a hierarchical controller then trains step 2
     alone."""
-    tensorboard: bool = field(default=False, metadata={"switch": True})
+    tensorboard: bool = False
     """Also write TensorBoard's events, into the folder tensorboard of the run; a run that has some
     goes on with them."""
     preset: Annotated[str, OneOf(tuple(PRESETS))] = "quick"
@@ -46,7 +47,7 @@ class Train:
     """Scenario preset."""
     settings: Path | None = None
     """TOML file with any of the settings below, e.g. trap_speed = 9.5 under [scenario]."""
-    values: Settings = field(default_factory=Settings, metadata={"inline": True})
+    values: Settings = field(default_factory=Settings)
     """Every setting."""
 
 

@@ -1,0 +1,27 @@
+"""Settings: what there is, how they are composed, and the checks. Imports no JAX."""
+
+from lanewise.config.composition import (
+    compose,
+    compose_file,
+    differences,
+    digest,
+    dump_toml,
+    field_types,
+    first_difference,
+    flatten,
+    load_toml,
+    replace,
+)
+
+__all__ = [
+    "compose",
+    "compose_file",
+    "differences",
+    "digest",
+    "dump_toml",
+    "field_types",
+    "first_difference",
+    "flatten",
+    "load_toml",
+    "replace",
+]
