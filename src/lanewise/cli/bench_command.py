@@ -28,7 +28,8 @@ class Bench:
     """Measure speed on this machine.
 
     Peers are measured too if they are installed: highway-env, EnvPool, PyTorch and
-    Stable-Baselines3; benchmarks/README.md says how to install them. Let the machine do nothing else meanwhile.
+    Stable-Baselines3; benchmarks/README.md says how to install them. Let the machine do nothing
+    else meanwhile.
     """
 
     parts: Annotated[tuple[str, ...], OneOf(PARTS)] = field(

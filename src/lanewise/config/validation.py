@@ -217,8 +217,6 @@ def _check_driving(settings: Settings) -> None:
     _less(settings, "goals.lateral_tolerance", "scenario.lane_width", why)
     why = "or a new speed is reached before it is driven"
     _less(settings, "goals.speed_tolerance", "goals.speed_step", why)
-    why = "or goals ask for an accident"
-    _less(settings, "driving.stopped_speed", "goals.lowest_speed", why)
     reward = settings.driving.reward
     if not (reward.speed_weight or reward.steering_weight or reward.centring_weight):
         raise SettingsError(
@@ -235,6 +233,8 @@ def _check_driving(settings: Settings) -> None:
                 f"scenario.{name} must be more than driving.stopped_speed ({show(stopped)}), "
                 f"got {show(speed)}"
             )
+    why = "or goals ask for an accident"
+    _less(settings, "driving.stopped_speed", "goals.lowest_speed", why)
 
 
 def _check_level(settings: Settings, stage: str, section: str) -> None:
