@@ -111,9 +111,7 @@ def _wrong_lists(kind):
 
 def out_of_range(kind):
     """Values of the right type beyond a setting's bounds, from just outside to absurd."""
-    bound = kind.bound if isinstance(kind.bound, Between) else Between()
-    numeric = kind.type in (int, float) and (kind.type is float or kind.bound is not None)
-    if not numeric:
+    if not isinstance(bound := kind.bound, Between):
         return []
     hint = ((_plain(bound.low),), (_plain(bound.high),))
     return [

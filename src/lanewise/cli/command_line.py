@@ -3,35 +3,33 @@
 argparse finds the words of each option; `FieldType` reads them and checks their range, as it does
 for settings in a file. So not-a-number is refused, and every error is one line.
 
-A command is a dataclass. A field's metadata may say ``positional`` or give a ``short`` flag; the
-last positional may be a list, which takes every word that belongs to no flag. A field ``values`` of
-type ``Settings`` lets the command take any setting, together with its fields ``preset``, ``trap``
-and ``settings`` (a TOML file).
+A command is a dataclass. A field's metadata may say ``positional`` or give a ``short`` flag; a
+positional may be a list, which takes every word that belongs to no flag. A field ``values`` of type
+``Settings`` lets the command take any setting, together with its fields ``preset``, ``trap`` and
+``settings`` (a TOML file).
 """
 
 import argparse
 import dataclasses
 import inspect
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass
 from functools import cache
 from pathlib import Path
 from shutil import get_terminal_size
 from typing import Any, Generic, NoReturn, TypeVar, get_type_hints
 
 from lanewise import config
-from lanewise.config.settings import PRESETS
+from lanewise.config.settings import PRESETS, Settings
 from lanewise.errors import SettingsError, brief
 from lanewise.fields import docstrings
 from lanewise.fields.ranges import Between, FieldType, OneOf
 from lanewise.fields.suggestions import nearest
 
 C = TypeVar("C")
-_SETTINGS = "values"
-"""The field that stands for every setting."""
 _DASHES = "-\N{EN DASH}\N{EM DASH}"
-_NUMBER = re.compile(r"-(\d|\.\d|inf|nan)", re.IGNORECASE)
+_NEGATIVE = re.compile(r"-(\d|\.\d|inf|nan)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -55,9 +53,9 @@ class Option:
 
     name: str
     type: FieldType
-    default: Any = dataclasses.MISSING
-    doc: str = ""
-    metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    default: Any
+    doc: str
+    metadata: Mapping[str, Any]
 
     @property
     def positional(self) -> bool:
@@ -74,46 +72,44 @@ class Option:
         """Whether its presence is its value; settings always take true or false."""
         return self.type.type is bool and "." not in self.name
 
-    def add_to(self, parser: Any, documented: bool) -> None:
+    @property
+    def metavar(self) -> str:
+        """What stands for its value in help."""
+        if isinstance(self.type.bound, OneOf):
+            return "{" + ",".join(self.type.bound.names) + "}"
+        return self.label if self.positional else self.type.type.__name__.upper()
+
+    def add_to(self, parser: Any) -> None:
         """Lets argparse find its words, and show its help."""
         names = [self.name] if self.positional else [flag_of(self.name)]
         names += [self.metadata["short"]] if "short" in self.metadata else []
-        keywords: dict[str, Any] = {"default": argparse.SUPPRESS}
-        if not self.positional:
-            keywords["dest"] = self.name
+        keywords: dict[str, Any] = {} if self.positional else {"dest": self.name}
         if self.is_switch:
             keywords["action"] = "store_true"
         else:
-            keywords["nargs"] = "*" if self.type.length is not None else "?"
-        if documented:
-            keywords["help"] = self._help().replace("%", "%%")
-            # argparse would show in brackets that there may be no word; we refuse that ourselves.
-            if not self.is_switch:
-                keywords |= {"nargs": None, "metavar": self._metavar()}
-        parser.add_argument(*names, **keywords)
+            # What is missing is found below, once all unknown words have been refused.
+            one = "?" if self.positional else None
+            keywords["nargs"] = one if self.type.length is None else "*" if self.positional else "+"
+            keywords["metavar"] = self.metavar
+        text = self._help().replace("%", "%%")
+        parser.add_argument(*names, help=text, default=argparse.SUPPRESS, **keywords)
 
     def read(self, found: Any) -> Any:
         """The value that argparse's words spell."""
         if self.is_switch:
             return True
-        words = found if isinstance(found, list) else [found] if found is not None else []
+        words = found if isinstance(found, list) else [found]
         if self.type.length is not None and self.type.type is not Path and len(words) == 1:
             words = words[0].split(",")
         return self.type.parse(self.label, [word.removeprefix(" ") for word in words])
-
-    def _metavar(self) -> str:
-        bound = self.type.bound
-        choices = "{" + ",".join(bound.names) + "}" if isinstance(bound, OneOf) else None
-        one = choices or (self.label if self.positional else self.type.type.__name__.upper())
-        return one if self.type.length is None else f"{one} ..."
 
     def _help(self) -> str:
         parts = [self.doc]
         if isinstance(self.type.bound, Between):
             parts.append(f"[{self.type.bound}]")
-        if self.default is dataclasses.MISSING:
+        if self.default is MISSING:
             parts.append("(required)")
-        elif self.default is not None and self.default != () and not self.is_switch:
+        elif self.default not in (None, ()) and not self.is_switch:
             shown = self.default if isinstance(self.default, tuple) else (self.default,)
             parts.append(f"(default: {' '.join(map(str, shown))})")
         return " ".join(parts)
@@ -142,11 +138,24 @@ def parse(command: type[C], words: Sequence[str]) -> Parsed[C]:
         SettingsError: An option is unknown, lacks its value, or has a wrong one; an argument is
             missing or too many; the settings contradict one another.
     """
-    found = _read(command, words)
-    values = _without_settings(found)
-    if hasattr(command, "settings"):  # It takes settings, as its dataclass has these fields.
+    owner: Any = command
+    options = options_of(owner)
+    flags = {option.label: name for name, option in options.items() if not option.positional}
+    known = {*flags, *(option.metadata.get("short", "") for option in options.values())}
+    normal = [_normalise(command, word, known) for word in words]
+    namespace, rest = _parser(owner).parse_known_intermixed_args(normal)
+    if rest:
+        meant = f"; did you mean {flag_of(rest[0])}?" if flag_of(rest[0]) in flags else ""
+        raise SettingsError(f'unexpected argument "{brief(rest[0])}"{meant}')
+    for name, option in options.items():
+        if option.default is MISSING and name not in namespace:
+            choices = f": {option.type.bound}" if option.type.bound is not None else ""
+            raise SettingsError(f"missing {option.label}{choices}")
+    found = {name: options[name].read(value) for name, value in vars(namespace).items()}
+    values = {name: value for name, value in found.items() if "." not in name}
+    if len(options) > len(config.field_types()):
         preset = values.get("preset", "quick")
-        values[_SETTINGS] = config.compose(
+        values["values"] = config.compose(
             # An experiment's preset has settings of its own.
             preset=preset if preset in PRESETS else "quick",
             trap=values.get("trap", "trap-10"),
@@ -156,115 +165,73 @@ def parse(command: type[C], words: Sequence[str]) -> Parsed[C]:
     return Parsed(command(**values), frozenset(found))
 
 
-def parse_without_settings(command: type[C], words: Sequence[str]) -> C:
-    """Reads ``words`` into ``command``, but leaves all settings at their defaults.
-
-    No file of settings is read.
-
-    Raises:
-        SettingsError: An option is unknown, lacks its value, or has a wrong one.
-    """
-    return command(**_without_settings(_read(command, words)))
-
-
-def _without_settings(found: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in found.items() if "." not in name}
-
-
 def help_text(command: type) -> str:
     """The help of a command, with every setting it takes."""
-    return _parser(command, documented=True).format_help()
+    return _parser(command).format_help()
 
 
-def options_of(command: type) -> dict[str, Option]:
-    """Every option of a command by name, settings included."""
-    return {option.name: option for _, group in _groups(command) for option in group}
-
-
-def _read(command: type, words: Sequence[str]) -> dict[str, Any]:
-    """The value of every option in ``words``, by name."""
-    options = options_of(command)
-    flags = {flag_of(name): name for name, option in options.items() if not option.positional}
-    shorts = {option.metadata.get("short") for option in options.values()}
-    known = [_normalise(command, word, {*flags, *shorts}) for word in words]
-    namespace, rest = _parser(command).parse_known_intermixed_args(known)
-    if rest:
-        meant = f"; did you mean {flag_of(rest[0])}?" if flag_of(rest[0]) in flags else ""
-        raise SettingsError(f'unexpected argument "{brief(rest[0])}"{meant}')
-    for name, option in options.items():
-        if option.default is dataclasses.MISSING and name not in namespace:
-            choices = f": {option.type.bound}" if option.type.bound is not None else ""
-            raise SettingsError(f"missing {option.label}{choices}")
-    return {name: options[name].read(value) for name, value in vars(namespace).items()}
-
-
-def _normalise(command: type, word: str, flags: set[str | None]) -> str:
+def _normalise(command: type, word: str, known: set[str]) -> str:
     """A word as argparse takes it: flags with dashes, negative numbers as values.
 
     Raises:
         SettingsError: It is an unknown flag.
     """
-    if _NUMBER.match(word):
+    if _NEGATIVE.match(word):
         return f" {word}"
     # One dash, or the dash that word processors make of two, begins a misspelt long flag.
     if not word.startswith("--") and not (word[:1] in _DASHES and word[1:2].isalpha()):
         return word
     flag, equals, value = word.partition("=")
-    spelt = flag.replace("_", "-")
-    if spelt in flags:
-        return spelt + equals + value
-    hint = nearest(flag.lstrip(_DASHES), [each.lstrip("-") for each in flags if each])
+    if (normal := flag.replace("_", "-")) in known:
+        return normal + equals + value
+    hint = nearest(flag.lstrip(_DASHES), [each.lstrip("-") for each in known])
     hint = hint.replace("did you mean ", "did you mean --").replace(" or ", " or --")
     hint = hint or f"`lanewise {command.__name__.lower()} --help` lists all"
     raise SettingsError(f'unknown option "{brief(flag)}"; {hint}')
 
 
 @cache
-def _parser(command: type, documented: bool = False) -> _Parser:
-    groups = list(_groups(command, documented))
-    required = [option for option in groups[0][1] if option.default is dataclasses.MISSING]
+def _parser(command: type) -> _Parser:
+    required = [each for each in options_of(command).values() if each.default is MISSING]
     usage = (each.label if each.positional else f"{each.label} PATH" for each in required)
-    name = command.__name__.lower()
     parser = _Parser(
-        usage=f"lanewise {name} [OPTIONS] {' '.join(usage)}",
+        usage=f"lanewise {command.__name__.lower()} [OPTIONS] {' '.join(usage)}",
         description=inspect.getdoc(command),
         formatter_class=_Formatter,
         allow_abbrev=False,
-        add_help=documented,
     )
-    for title, options in groups:
+    for title, options in _groups(command):
         group = parser.add_argument_group(title) if title else parser
         for option in options:
-            option.add_to(group, documented)
+            option.add_to(group)
     return parser
 
 
-def _groups(
-    part: Any, documented: bool = False, name: str = ""
-) -> Iterator[tuple[str, list[Option]]]:
+@cache
+def options_of(command: type) -> dict[str, Option]:
+    """Every option of a command by name, settings included."""
+    return {option.name: option for _, group in _groups(command) for option in group}
+
+
+def _groups(part: Any, name: str = "", title: str = "") -> list[tuple[str, list[Option]]]:
     """The options of a command or of a section of the settings, then those of the sections below.
 
     Args:
         part: a command's class, or a section.
-        documented: whether the options carry their docstrings; reading these takes time.
-        name: of the section, for its options.
+        name: of the section, with a dot behind; its options' names begin with it.
+        title: of the section in help.
     """
     owner = part if isinstance(part, type) else type(part)
-    docs = docstrings.of_fields(owner) if documented else {}
-    hints = get_type_hints(owner, include_extras=True)
+    docs, hints = docstrings.of_fields(owner), get_type_hints(owner, include_extras=True)
     own: list[Option] = []
     below: list[tuple[str, list[Option]]] = []
     for item in dataclasses.fields(owner):
-        default = item.default if isinstance(part, type) else getattr(part, item.name)
-        if default is dataclasses.MISSING and item.default_factory is not dataclasses.MISSING:
-            default = item.default_factory()
-        full, doc = f"{name}{item.name}", docs.get(item.name, "")
-        if dataclasses.is_dataclass(default):
-            prefix = "" if item.name == _SETTINGS else f"{full}."
-            (_, first), *others = _groups(default, documented, prefix)
-            below += [(f"{full}: {doc}".removesuffix("."), first)] if first else []
-            below += others
+        full, doc, hint = f"{name}{item.name}", docs.get(item.name, ""), hints[item.name]
+        if hint is Settings:
+            below += _groups(Settings())
+        elif dataclasses.is_dataclass(hint):
+            below += _groups(getattr(part, item.name), f"{full}.", f"{full}: {doc.rstrip('.')}")
         else:
-            own.append(Option(full, FieldType.of(hints[item.name]), default, doc, item.metadata))
-    yield "", own
-    yield from below
+            default = item.default if isinstance(part, type) else getattr(part, item.name)
+            own.append(Option(full, FieldType.of(hint), default, doc, item.metadata))
+    return [(title, own), *below]

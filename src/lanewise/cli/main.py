@@ -14,7 +14,7 @@ from typing import Any, TextIO
 
 from lanewise import signals
 from lanewise.cli import command_line
-from lanewise.errors import LanewiseError, SettingsError, brief, printable, shell_line
+from lanewise.errors import LanewiseError, SettingsError, brief, printable
 from lanewise.fields.suggestions import look_up
 from lanewise.version import __version__
 
@@ -31,6 +31,9 @@ COMMANDS = {
 }
 """The commands. Each is a dataclass and a function ``run`` in its own module of this room, which is
 imported when the command is called."""
+
+CONTINUED = ("train", "sweep", "reproduce")
+"""Those that can be continued; their modules have a function ``how_to_continue``."""
 
 HELP = """\
 usage: lanewise COMMAND [OPTIONS]
@@ -64,8 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return code
     except LanewiseError as error:
         return _refuse(str(error))
-    except KeyboardInterrupt:
-        _tell(f"\nlanewise: interrupted{_how_to_resume(words)}\n")
+    except KeyboardInterrupt as stop:
+        _tell(f"\nlanewise: interrupted{stop}\n")
         _flush_or_discard(sys.stdout)
         return INTERRUPTED
     except BrokenPipeError:
@@ -103,7 +106,12 @@ def _dispatch(words: list[str]) -> int:
     if "-h" in rest or "--help" in rest:
         sys.stdout.write(command_line.help_text(command_class(name)))
         return 0
-    code: int = command_module(name).run(command_line.parse(command_class(name), rest))
+    module, parsed = command_module(name), command_line.parse(command_class(name), rest)
+    try:
+        code: int = module.run(parsed)
+    except KeyboardInterrupt:
+        hint = f"; {module.how_to_continue(parsed.command)}" if name in CONTINUED else ""
+        raise KeyboardInterrupt(hint) from None
     return code
 
 
@@ -131,15 +139,3 @@ def _flush_or_discard(stream: TextIO) -> None:
         stream.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-
-
-def _how_to_resume(words: list[str]) -> str:
-    """The command that continues an interrupted training."""
-    if words[:1] in (["reproduce"], ["sweep"]):
-        return "; the same command continues it"
-    if words[:1] != ["train"]:
-        return ""
-    # A file of settings may have been edited since.
-    command = command_line.parse_without_settings(command_class("train"), words[1:])
-    resuming = command_module("train").resuming(command)
-    return f"; continue with:\n  {shell_line('lanewise', *resuming)}"

@@ -105,6 +105,11 @@ def run(parsed: Parsed[Reproduce]) -> int:
     return 0
 
 
+def how_to_continue(command: Reproduce) -> str:
+    """Says how an interrupted run of this command is continued."""
+    return "the same command continues it"
+
+
 def _refuse(parsed: Parsed[Reproduce]) -> None:
     """Refuses options that contradict one another.
 

@@ -83,6 +83,11 @@ def run(parsed: Parsed[Sweep]) -> int:
     return 0
 
 
+def how_to_continue(command: Sweep) -> str:
+    """Says how an interrupted run of this command is continued."""
+    return "the same command continues it"
+
+
 def _check(grid: Grid, settings: Settings) -> None:
     """Refuses an axis that names a value twice, and starts that no run could have.
 

@@ -77,12 +77,12 @@ def run(parsed: Parsed[Train]) -> int:
     return 0
 
 
-def resuming(command: Train) -> list[str]:
-    """The words of the command line that continue this training."""
+def how_to_continue(command: Train) -> str:
+    """Says how an interrupted training is continued."""
     words = ["train", command.controller, "--out", str(command.out)]
     if command.high_level is not None and not stages_of(command.out).exists():
         words += ["--high-level", str(command.high_level)]  # not taken over yet
-    return [*words, "--resume"]
+    return f"continue with:\n  {shell_line('lanewise', *words, '--resume')}"
 
 
 def _folder(parsed: Parsed[Train]) -> RunFolder:

@@ -2,7 +2,6 @@
 
 from lanewise.config.composition import (
     compose,
-    compose_file,
     differences,
     digest,
     dump_toml,
@@ -15,7 +14,6 @@ from lanewise.config.composition import (
 
 __all__ = [
     "compose",
-    "compose_file",
     "differences",
     "digest",
     "dump_toml",

@@ -23,6 +23,7 @@ def compose(
     trap: str = "trap-10",
     file: Path | str | None = None,
     flags: Mapping[str, object] | None = None,
+    data: bytes | None = None,
 ) -> Settings:
     """Composes settings: defaults < training preset < scenario preset < file < flags.
 
@@ -31,6 +32,7 @@ def compose(
         trap: A name in ``TRAPS``.
         file: A TOML file with any of the settings.
         flags: Values by dotted name.
+        data: The content of ``file``, if it has been read already.
 
     Raises:
         SettingsError: A name is unknown, or a value has the wrong type, is out of range or
@@ -41,7 +43,7 @@ def compose(
     if file is not None:
         if not isinstance(file, Path | str):
             raise SettingsError(f"settings file: expected a path, got {show(file)}")
-        values |= load_toml(Path(file))
+        values |= load_toml(Path(file), data)
     if flags is not None:
         if not isinstance(flags, Mapping):
             raise SettingsError(f"flags: expected a mapping of settings, got {show(flags)}")
@@ -50,7 +52,7 @@ def compose(
         return replace(Settings(), values)
     except SettingsError as error:
         # Each value of the file is in range; one of them contradicts another.
-        raise error if file is None else SettingsError(f"{error} (settings file {file})") from error
+        raise error if file is None else SettingsError(f"{file}: {error}") from error
 
 
 @cache
@@ -126,19 +128,6 @@ def load_toml(path: Path, data: bytes | None = None) -> dict[str, object]:
     try:
         values = _by_name(table)
         return {name: field_types()[name].check(name, value) for name, value in values.items()}
-    except SettingsError as error:
-        raise SettingsError(f"{path}: {error}") from error
-
-
-def compose_file(path: Path, data: bytes) -> Settings:
-    """Composes the settings of a file whose content has been read already.
-
-    Raises:
-        SettingsError: As in ``compose``; names the file.
-    """
-    values = load_toml(path, data)
-    try:
-        return compose(flags=values)
     except SettingsError as error:
         raise SettingsError(f"{path}: {error}") from error
 

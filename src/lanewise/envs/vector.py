@@ -31,7 +31,7 @@ from lanewise.scenario import trap
 Booleans = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Info = dict[str, Any]
-COUNT = FieldType(int, None, Between(1))
+COUNT = FieldType(int, None, Between(1, 2**31 - 1))
 """Of worlds, and of steps."""
 
 

@@ -96,7 +96,7 @@ def check(job: Job) -> None:
             data = reading.contents(file, LARGEST_SETTINGS, links=False)
         except reading.UnreadableError as error:
             raise RunError(f"cannot read {file}: {error}; choose another folder") from error
-        difference = config.first_difference(config.compose_file(file, data), job.settings)
+        difference = config.first_difference(config.compose(file=file, data=data), job.settings)
         if difference:
             raise RunError(f"{job.path} was tested with other settings: there {difference}")
 

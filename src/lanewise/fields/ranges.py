@@ -19,30 +19,21 @@ class Between:
     """The closed interval a number must lie in, with its unit.
 
     Used as ``Annotated[float, Between(0.0, 60.0, "m/s")]``; in a tuple it holds for every member.
-    Only finite numbers lie in an interval, even where a bound is infinite.
+    Every setting that is a number has one, so no setting is infinite or not-a-number.
     """
 
-    low: float = -math.inf
-    high: float = math.inf
+    low: float
+    high: float
     unit: str = ""
 
     def holds(self, value: float) -> bool:
-        """Whether ``value`` is finite and inside the interval."""
-        try:
-            return self.low <= value <= self.high and math.isfinite(value)
-        except OverflowError:  # A whole number too large for a float.
-            return False
+        """Whether ``value`` is inside the interval."""
+        return self.low <= value <= self.high
 
     def __str__(self) -> str:
-        unit = f" {self.unit}" if self.unit else ""
+        # The shortest text of a number, without a trailing ``.0``.
         low, high = (repr(bound).removesuffix(".0") for bound in (self.low, self.high))
-        if math.isinf(self.low) and math.isinf(self.high):
-            return f"a finite number{unit}"
-        if math.isinf(self.high):
-            return f"at least {low}{unit}"
-        if math.isinf(self.low):
-            return f"at most {high}{unit}"
-        return f"between {low} and {high}{unit}"
+        return f"between {low} and {high} {self.unit}".rstrip()
 
 
 SEEDS = Between(0, 2**31 - 1)
@@ -131,8 +122,6 @@ class FieldType:
         """
         if self.optional and [word.lower() for word in words] == ["none"]:
             return ()
-        if not words:
-            raise SettingsError(f"{name}: expected {self}, got nothing")
         values = [self._parse_one(name, word) for word in words]
         return self.check(name, values if self.length is not None else values[0])
 
@@ -157,7 +146,7 @@ class FieldType:
         # `isinstance` would take True for the whole number 1.
         if type(value) is not self.type:
             raise SettingsError(f"{name}: expected {self._noun}, got {show(value)}")
-        bound: Any = Between() if self.type is float and self.bound is None else self.bound
+        bound: Any = self.bound
         if bound is not None and not bound.holds(value):
             raise SettingsError(f"{name} must be {bound}, got {show(value)}")
         return value

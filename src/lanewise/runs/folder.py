@@ -370,7 +370,7 @@ def _read_settings(path: Path, manifest: dict[str, Any]) -> Settings:
     file = path / "settings.toml"
     try:
         data = reading.contents(file, LARGEST_SETTINGS, links=False)
-        settings = config.compose_file(file, data)
+        settings = config.compose(file=file, data=data)
     except reading.UnreadableError as error:
         raise RunError(f"cannot read settings file {file}: {error}") from error
     except SettingsError as error:
