@@ -1,12 +1,12 @@
 """What ``import lanewise`` offers: train with parts of one's own, test anyone's policy."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from lanewise import forked, interop
 from lanewise.config.settings import Settings
@@ -22,7 +22,7 @@ from lanewise.evaluation.drive import TestCourse
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.evaluation.metrics import Summary
 from lanewise.evaluation.outside import OutsideCourse
-from lanewise.evaluation.settings import EvaluationSettings
+from lanewise.evaluation.settings import WORLDS, EvaluationSettings
 from lanewise.experiments import published, testing
 from lanewise.fields.ranges import EPISODES, SEEDS, FieldType
 from lanewise.fields.suggestions import look_up
@@ -37,7 +37,6 @@ from lanewise.training import trial
 
 __all__ = ["Evaluation", "Parts", "evaluate", "train"]
 
-WORLDS = ("lanewise", "highway-env")
 SECTIONS = tuple(part.name for part in fields(Settings))
 """Of the settings, what a training heeds: all."""
 SEED = FieldType(int, None, SEEDS)
@@ -151,7 +150,8 @@ def train(
     forked.refuse()
     path: Path = PATH.check("out", out)
     look_up("controller", controller, dict.fromkeys(TRAINABLE))
-    seed, parts = None if seed is None else _whole(SEED, "seed", seed), checked(parts)
+    seed = None if seed is None else SEED.check("seed", keywords.plain(seed))
+    parts = checked(parts)
     for name, value in {"resume": resume, "tensorboard": tensorboard, "quiet": quiet}.items():
         SWITCH.check(name, value)
     if tensorboard:
@@ -165,7 +165,7 @@ def train(
         settings,
         SECTIONS,
     )
-    try:
+    with _file_errors("write", path):
         if resume:
             given = preset is not None or trap is not None or settings
             folder = RunFolder.resume(path, composed if given else None, controller, seed)
@@ -186,10 +186,17 @@ def train(
                 reporter.note(how)
                 stop.add_note(how)
                 raise
-    except OSError as error:
-        place = error.filename or path
-        raise LanewiseError(f"cannot write {place}: {error.strerror or error}") from error
     return path
+
+
+@contextmanager
+def _file_errors(verb: str, path: Path) -> Iterator[None]:
+    """Turns the system's errors with files into ours, as the command line does."""
+    try:
+        yield
+    except OSError as error:
+        place = brief(str(error.filename or path))
+        raise RunError(f"cannot {verb} {place}: {error.strerror or error}") from error
 
 
 def _again(folder: RunFolder, lender: Path | None, parts: Parts) -> str:
@@ -249,7 +256,8 @@ def evaluate(
     """
     forked.refuse()
     look_up("world", world, dict.fromkeys(WORLDS))
-    episodes, seed = _whole(COUNT, "episodes", episodes), _whole(SEED, "seed", seed)
+    episodes = COUNT.check("episodes", keywords.plain(episodes))
+    seed = SEED.check("seed", keywords.plain(seed))
     for option, switch in {"quiet": quiet, "deterministic": deterministic}.items():
         SWITCH.check(option, switch)
     if isinstance(policy, str | Path | Trained):
@@ -275,16 +283,6 @@ def evaluate(
     )
 
 
-def _whole(kind: FieldType, name: str, given: Any) -> int:
-    """A whole number as the command line takes it; NumPy's are taken too.
-
-    Raises:
-        SettingsError: it is none, or out of range.
-    """
-    number: int = kind.check(name, int(given) if isinstance(given, np.integer) else given)
-    return number
-
-
 def _ours(
     policy: str | Path | Trained, world: str, episodes: int, seed: int, quiet: bool, settings: Any
 ) -> Evaluation:
@@ -294,9 +292,12 @@ def _ours(
         raise LanewiseError(
             f"{next(iter(settings))}: a trained controller is tested with its own settings"
         )
-    controller = (
-        policy if isinstance(policy, Trained) else _load(policy, OURS if parts is None else parts)
-    )
+    if isinstance(policy, Trained):
+        controller = policy
+    else:
+        path = PATH.check("policy", policy)
+        with _file_errors("read", path):
+            controller = trained.load(path, OURS if parts is None else parts)
     if parts is not None and parts != controller.parts:
         made = "; ".join(controller.parts.names()) or "no parts of the user's own"
         raise RunError(f"parts: {controller.name} was made with {made}; give no others")
@@ -320,15 +321,6 @@ def _summary(found: Episodes, name: str, world: str, course: TestCourse) -> Summ
     )
     unlike = published.unlike_test(settings, course.parts.names(), course.split)
     return metrics.summarise(found, controller=name, world=world, unlike_paper=unlike)
-
-
-def _load(policy: str | Path, parts: Parts) -> Trained:
-    """A controller of ours from its folder or name."""
-    path = PATH.check("policy", policy)
-    try:
-        return trained.load(path, parts)
-    except OSError as error:
-        raise RunError(f"cannot read {brief(str(path))}: {error.strerror or error}") from error
 
 
 def _course(actions: str, settings: dict[str, Any]) -> OutsideCourse:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from lanewise import config
 from lanewise.cli.command_line import Parsed
-from lanewise.cli.evaluate_command import WORLDS
 from lanewise.config.settings import Settings
 from lanewise.errors import RunError, shell_line
+from lanewise.evaluation.settings import WORLDS
 from lanewise.experiments.published import belongs_to_test
 from lanewise.fields.ranges import EPISODES, SEEDS, OneOf, show
 from lanewise.progress import Progress

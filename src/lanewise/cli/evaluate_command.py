@@ -10,11 +10,10 @@ from lanewise.cli.command_line import Parsed
 from lanewise.controllers.registry import CONTROLLERS
 from lanewise.controllers.settings import RENEWALS
 from lanewise.errors import RunError
+from lanewise.evaluation.settings import WORLDS
 from lanewise.fields.ranges import EPISODES, SEEDS, OneOf
 from lanewise.progress import Progress
 from lanewise.runs import shelf
-
-WORLDS = ("lanewise", "highway-env")
 
 
 @dataclass(frozen=True, kw_only=True)

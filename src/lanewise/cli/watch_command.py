@@ -6,8 +6,8 @@ from typing import Annotated
 
 from lanewise import extras
 from lanewise.cli.command_line import Parsed
-from lanewise.cli.evaluate_command import WORLDS
 from lanewise.errors import SettingsError
+from lanewise.evaluation.settings import WORLDS
 from lanewise.fields.ranges import SEEDS, Between, OneOf
 from lanewise.progress import tell
 from lanewise.runs import shelf

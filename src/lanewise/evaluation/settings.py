@@ -5,6 +5,9 @@ from typing import Annotated
 
 from lanewise.fields.ranges import Between
 
+WORLDS = ("lanewise", "highway-env")
+"""Where a controller can be tested: in our world, or in the real highway-env."""
+
 
 @dataclass(frozen=True)
 class EvaluationSettings:

@@ -17,8 +17,6 @@ from lanewise.runs.folder import RunFolder
 from lanewise.runs.kept import Kept
 from lanewise.runs.trained import Trained
 
-WORLDS = ("lanewise", "highway-env")
-
 
 @dataclass(frozen=True)
 class Effort:
