@@ -38,7 +38,7 @@ def main() -> None:
     """Train and judge one stage."""
     options = _options()
     changes = dict(change.split("=", 1) for change in options.set)
-    kinds = config.kinds()
+    kinds = config.field_types()
     flags = {name: kinds[name].parse(name, value.split(",")) for name, value in changes.items()}
     settings = config.compose(flags=flags)
     controller, index = STAGES[options.stage]

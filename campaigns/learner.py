@@ -25,12 +25,13 @@ import record
 from learner_reference import Reference
 
 from lanewise import config
+from lanewise.controllers.registry import STEP_1, STEP_2
 from lanewise.learning import learner, network
 from lanewise.learning.replay import Transition
 from lanewise.system.progress import Progress
 from lanewise.training import recipe, stage
 
-STAGES = (recipe.STEP_1, recipe.STEP_2, *recipe.RECIPES["single-level"], *recipe.RECIPES["h-dqn"])
+STAGES = (STEP_1, STEP_2, *recipe.RECIPES["single-level"], *recipe.RECIPES["h-dqn"])
 UPDATES, LIMIT = 1000, 1e-10
 DRIVES = 4
 """Chunks driven to gather transitions."""

@@ -1,9 +1,9 @@
 """Trainings that take a second once compiled, for whoever trains again and again."""
 
 from lanewise import config
+from lanewise.config.settings import ONE_LEVEL_STAGES
 from lanewise.runs import training_loop
 from lanewise.runs.run_folder import RunFolder
-from lanewise.settings import STAGES
 from lanewise.system.progress import Progress
 from lanewise.training.plan import TrainingPlan
 
@@ -45,7 +45,7 @@ def flags(chunks: int, epsilon_chunks: int | None = None) -> dict[str, object]:
         "evaluation.fresh_episodes": 5,
     }
     for part, values in (
-        *((stage, budget | level) for stage in STAGES),
+        *((stage, budget | level) for stage in ONE_LEVEL_STAGES),
         *(("h_dqn", budget), ("h_dqn.high_level", level), ("h_dqn.low_level", level)),
     ):
         found |= {f"{part}.{name}": value for name, value in values.items()}

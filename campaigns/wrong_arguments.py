@@ -2,15 +2,14 @@
 
 import math
 
-from lanewise.runs.shelf import pretrained
 from wrong_doors import TAKEN, Mistake
 from wrong_names import SLIPS
 
-from lanewise.cli import COMMANDS
-from lanewise.commands.arguments import _flags
-from lanewise.controllers.settings import REFERENCES
-from lanewise.runs.run_folder import CONTROLLERS
-from lanewise.settings import PRESETS, TRAPS
+from lanewise.cli.command_line import options_of
+from lanewise.cli.main import COMMANDS, command_class
+from lanewise.config.settings import PRESETS, TRAPS
+from lanewise.controllers.registry import REFERENCES, TRAINABLE
+from lanewise.runs import pretrained
 
 # Each so that it ends before anything starts even if the mistake is not seen.
 BEGIN = {
@@ -48,20 +47,21 @@ def _named(rng, each):
     for name in COMMANDS:
         yield "command", name, lambda wrong: [wrong, "--help"]
     for command, words in BEGIN.items():
-        long = [flag[2:] for flag in _flags(COMMANDS[command]) if "." not in flag and len(flag) > 2]
+        options = options_of(command_class(command)).values()
+        long = [each.label[2:] for each in options if "." not in each.name and not each.positional]
         for option in rng.sample(sorted(long), min(each, len(long))):
             yield "command", option, lambda wrong, words=words: [*words, f"--{wrong}", "1"]
     for option, names in (("--preset", PRESETS), ("--trap", TRAPS)):
         for name in names:
             yield "command", name, lambda wrong, o=option: [*BEGIN["train"], o, wrong]
-    for name in CONTROLLERS:
+    for name in TRAINABLE:
         yield "command", name, lambda wrong: ["train", wrong, "--out", TAKEN]
         yield "lanewise.train", name, lambda wrong: {"controller": wrong}
     for name in BUILT_IN:
         yield "command", name, lambda wrong: ["reproduce", "--out", TAKEN, "--preset", wrong]
     for name in ("lanewise", "highway-env"):
         yield "command", name, lambda wrong: ["evaluate", "absent", "--world", wrong]
-    for group, names in (("pretrained", pretrained()), ("reference", REFERENCES)):
+    for group, names in (("pretrained", pretrained.names()), ("reference", REFERENCES)):
         for name in names:
             yield "command", name, lambda wrong, g=group: ["evaluate", f"{g}/{wrong}"]
     for argument, names in {"preset": PRESETS, "trap": TRAPS, "split": SPLITS}.items():

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from lanewise import config
-from lanewise.cli import main
+from lanewise.cli.main import main
 from lanewise.errors import LanewiseError
 
 TAKEN = "taken"

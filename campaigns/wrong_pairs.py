@@ -1,9 +1,9 @@
 """Settings that are right one by one and impossible together; one or more for every such rule."""
 
-from lanewise.settings import STAGES
+from lanewise.config.settings import ONE_LEVEL_STAGES
 
-LEVELS = (*STAGES, "h_dqn.high_level", "h_dqn.low_level")
-BUDGETS = (*STAGES, "h_dqn")
+LEVELS = (*ONE_LEVEL_STAGES, "h_dqn.high_level", "h_dqn.low_level")
+BUDGETS = (*ONE_LEVEL_STAGES, "h_dqn")
 REVERSED = {
     "training_ego_speed": [12.0, 9.0],
     "training_trap_speed": [11.0, 9.5],

@@ -35,7 +35,7 @@ from wrong_doors import (
 )
 
 from lanewise import config
-from lanewise.settings import Settings
+from lanewise.config.settings import Settings
 
 AIM = 0.95
 """Of the mistakes, so many must be refused with the right hint; all must be refused."""
@@ -58,7 +58,9 @@ def generate(seed, each):
 
 
 def _known(door):
-    return [n for n in config.kinds() if door != "gymnasium.make" or n.startswith(ENVIRONMENT)]
+    return [
+        n for n in config.field_types() if door != "gymnasium.make" or n.startswith(ENVIRONMENT)
+    ]
 
 
 def _misspelt(rng, each):
@@ -109,7 +111,7 @@ def _section(door, wrong, name):
 
 
 def _wrong_values(rng, each):
-    kinds = config.kinds()
+    kinds = config.field_types()
     for door in SETTING_DOORS:
         known = _known(door)
         offers = {}

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from lanewise.ranges import Between, OneOf
+from lanewise.fields.ranges import Between, OneOf
 
 HUGE = 10**400
 TYPES = {int: "whole number", float: "number", bool: "true or false", str: "one of"}
@@ -111,9 +111,7 @@ def _wrong_lists(kind):
 
 def out_of_range(kind):
     """Values of the right type beyond a setting's bounds, from just outside to absurd."""
-    bound = kind.bound if isinstance(kind.bound, Between) else Between()
-    numeric = kind.type in (int, float) and (kind.type is float or kind.bound is not None)
-    if not numeric:
+    if not isinstance(bound := kind.bound, Between):
         return []
     hint = ((_plain(bound.low),), (_plain(bound.high),))
     return [

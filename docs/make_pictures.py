@@ -8,6 +8,7 @@ from pathlib import Path
 
 from PIL import Image
 
+from lanewise.config.settings import Settings
 from lanewise.evaluation.episodes import Recording
 from lanewise.experiments import evaluate_trained
 from lanewise.report import (
@@ -20,7 +21,6 @@ from lanewise.report import (
     two_steps,
 )
 from lanewise.runs import trained
-from lanewise.settings import Settings
 
 IMAGES = Path(__file__).parent / "images"
 CONTROLLERS = ("single-level", "hierarchical")

@@ -12,11 +12,11 @@ import ages
 import speed_tables
 
 from lanewise import config
+from lanewise.config.settings import Settings
 from lanewise.evaluation.metrics import Summary
 from lanewise.experiments import published
 from lanewise.report import arms as tables
 from lanewise.report.arms import UNKNOWN, ArmFigures
-from lanewise.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "results"

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from lanewise import config
-from lanewise.commands import docstrings
+from lanewise.config.settings import PRESETS, TRAPS, Settings
 from lanewise.evaluation.metrics import METRICS
 from lanewise.experiments import readings
-from lanewise.ranges import Kind
-from lanewise.settings import PRESETS, TRAPS, Settings
+from lanewise.fields import docstrings
+from lanewise.fields.ranges import FieldType
 
 DOCS = Path(__file__).parent
 PAGES = (DOCS.parent / "README.md", *sorted(DOCS.glob("*.md")))
@@ -52,7 +52,7 @@ def sections(owner: type, prefix: str = "") -> list[str]:
             inner = sections(annotation, f"{prefix}{name}.")  # type: ignore[arg-type]
             below += [f"{heading}\n\n{inner[0]}".rstrip(), *inner[1:]]
             continue
-        kind, full = Kind.of(annotation), prefix + name
+        kind, full = FieldType.of(annotation), prefix + name
         allowed = str(kind if kind.bound is None else kind.bound)
         cells = (f"`{full}`", f"`{value(defaults[full])}`", allowed, docs[name])
         rows.append("| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |")

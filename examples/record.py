@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import tyro
 
-from lanewise.names import look_up
+from lanewise.fields.suggestions import look_up
 from lanewise.report import files, provenance
 
 

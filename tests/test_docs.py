@@ -10,8 +10,9 @@ import make_settings
 import make_trust
 import pytest
 
-from lanewise import cli, config
-from lanewise.commands.arguments import parse
+from lanewise import config
+from lanewise.cli.command_line import parse
+from lanewise.cli.main import COMMANDS, command_class
 from lanewise.evaluation.metrics import PUBLISHED_TRAINING
 from lanewise.system import version
 
@@ -23,7 +24,7 @@ PAGES = (
     ),
     *sorted((ROOT / "docs").rglob("*.md")),
 )
-SECTIONS = {name.split(".")[0] for name in config.kinds()}
+SECTIONS = {name.split(".")[0] for name in config.field_types()}
 
 
 @pytest.fixture(scope="module")
@@ -180,7 +181,7 @@ def test_quoted_defaults_readings_and_metrics_are_up_to_date(page):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_named_settings_exist(page):
-    known = set(config.kinds())
+    known = set(config.field_types())
     sections = {name.rpartition(".")[0] for name in known} | SECTIONS
     for name in re.findall(r"`([a-z_]+(?:\.[a-z_]+)+)(?: = [^`]*)?`", page.read_text()):
         if name.split(".")[0] in SECTIONS and not name.endswith((".py", ".toml")):
@@ -189,7 +190,7 @@ def test_named_settings_exist(page):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_named_flags_exist(page):
-    known = {f"--{name.replace('_', '-')}": kind for name, kind in config.kinds().items()}
+    known = {f"--{name.replace('_', '-')}": kind for name, kind in config.field_types().items()}
     for flag, value in re.findall(r"`(--[a-z_.-]+\.[a-z.-]+) ([^`]+)`", page.read_text()):
         known[flag].parse(flag, value.split())
 
@@ -206,8 +207,8 @@ def test_commands_are_understood(tmp_path, monkeypatch):
     found = [words for page in PAGES for words in commands(page)]
     for words in found:
         if "--help" not in words and "--version" not in words:
-            parse(cli.COMMANDS[words[0]], words[1:])
-    assert {words[0] for words in found} >= set(cli.COMMANDS)
+            parse(command_class(words[0]), words[1:])
+    assert {words[0] for words in found} >= set(COMMANDS)
 
 
 def test_readme_has_two_set_up_commands():

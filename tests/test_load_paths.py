@@ -31,6 +31,8 @@ LOADERS = {f"{name}.load" for name in ("np", "numpy", "jnp", "jax.numpy", "torch
 LOADERS |= {"os.system", "os.popen"}
 """Functions that run what they load, or can be told to."""
 REASONED = {
+    ("cli/main.py", "import_module"): "a command's module: names from the table of commands",
+    ("controllers/registry.py", "import_module"): "a controller's class: names from the registry",
     ("report/installation.py", "import_module"): "doctor: names from Lanewise's own metadata",
     ("registration.py", "exec_module"): "Gymnasium's own module, once somebody imports it",
     ("bench/runner.py", "run_path"): "bench: a worker of the package, named by its own catalogue",

@@ -12,7 +12,8 @@ import jax
 import numpy as np
 
 from lanewise import config
-from lanewise.commands import journal
+from lanewise.cli import journal
+from lanewise.config.settings import STAGES, Settings
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.grid import Outcome, Reach
 from lanewise.experiments import experiment, jobs, stored_tests
@@ -21,7 +22,6 @@ from lanewise.runs import checkpoint, pytree_io, run_state, trained
 from lanewise.runs.metrics_file import MetricsWriter
 from lanewise.runs.run_folder import RunFolder
 from lanewise.runs.trained import Trained
-from lanewise.settings import STAGES, Settings
 from lanewise.system.folder_io import OpenFolder
 from lanewise.training import host
 from lanewise.training.plan import TrainingPlan

@@ -2,7 +2,7 @@
 
 import sys
 
-from lanewise.cli import main
+from lanewise.cli.main import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,15 +1,17 @@
 """What ``import lanewise`` offers: train with parts of one's own, test anyone's policy."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from lanewise import interop
+from lanewise.config.settings import Settings
 from lanewise.controllers.planned import Planned
+from lanewise.controllers.registry import TRAINABLE, WITH_STEP_1
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.parts import OURS, Parts, checked
 from lanewise.envs import functional, keywords
@@ -20,29 +22,27 @@ from lanewise.evaluation.drive import TestCourse
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.evaluation.metrics import Summary
 from lanewise.evaluation.outside import OutsideCourse
-from lanewise.evaluation.settings import EvaluationSettings
+from lanewise.evaluation.settings import WORLDS, EvaluationSettings
 from lanewise.experiments import evaluate_trained, published
-from lanewise.names import look_up
-from lanewise.ranges import EPISODES, SEEDS, Kind
+from lanewise.fields.ranges import EPISODES, SEEDS, FieldType
+from lanewise.fields.suggestions import look_up
 from lanewise.report import files, table
 from lanewise.runs import metric_sinks, trained, training_loop
-from lanewise.runs.run_folder import CONTROLLERS, WITH_STEP_1, RunFolder, open_high_level
+from lanewise.runs.run_folder import RunFolder, open_high_level
 from lanewise.runs.trained import Trained
-from lanewise.settings import Settings
 from lanewise.system import process
 from lanewise.system.progress import Progress
 from lanewise.training.plan import TrainingPlan
 
 __all__ = ["Evaluation", "Parts", "evaluate", "train"]
 
-WORLDS = ("lanewise", "highway-env")
 SECTIONS = tuple(part.name for part in fields(Settings))
 """Of the settings, what a training heeds: all."""
-SEED = Kind(int, None, SEEDS)
+SEED = FieldType(int, None, SEEDS)
 """As of the command line."""
-COUNT = Kind(int, None, EPISODES)
+COUNT = FieldType(int, None, EPISODES)
 """As of the command line."""
-PATH, SWITCH, TEXT = Kind(Path), Kind(bool), Kind(str)
+PATH, SWITCH, TEXT = FieldType(Path), FieldType(bool), FieldType(str)
 
 
 @dataclass(frozen=True)
@@ -148,8 +148,9 @@ def train(
     """
     process.refuse_forked()
     path: Path = PATH.check("out", out)
-    look_up("controller", controller, dict.fromkeys(CONTROLLERS))
-    seed, parts = None if seed is None else _whole(SEED, "seed", seed), checked(parts)
+    look_up("controller", controller, dict.fromkeys(TRAINABLE))
+    seed = None if seed is None else SEED.check("seed", keywords.plain(seed))
+    parts = checked(parts)
     for name, value in {"resume": resume, "tensorboard": tensorboard, "quiet": quiet}.items():
         SWITCH.check(name, value)
     if tensorboard:
@@ -163,7 +164,7 @@ def train(
         settings,
         SECTIONS,
     )
-    try:
+    with _file_errors("write", path):
         if resume:
             given = preset is not None or trap is not None or settings
             folder = RunFolder.resume(path, composed if given else None, controller, seed)
@@ -188,10 +189,17 @@ def train(
                 reporter.note(how)
                 stop.add_note(how)
                 raise
-    except OSError as error:
-        place = error.filename or path
-        raise LanewiseError(f"cannot write {place}: {error.strerror or error}") from error
     return path
+
+
+@contextmanager
+def _file_errors(verb: str, path: Path) -> Iterator[None]:
+    """Turns the system's errors with files into ours, as the command line does."""
+    try:
+        yield
+    except OSError as error:
+        place = brief(str(error.filename or path))
+        raise RunError(f"cannot {verb} {place}: {error.strerror or error}") from error
 
 
 def _again(folder: RunFolder, lender: Path | None, parts: Parts) -> str:
@@ -251,7 +259,8 @@ def evaluate(
     """
     process.refuse_forked()
     look_up("world", world, dict.fromkeys(WORLDS))
-    episodes, seed = _whole(COUNT, "episodes", episodes), _whole(SEED, "seed", seed)
+    episodes = COUNT.check("episodes", keywords.plain(episodes))
+    seed = SEED.check("seed", keywords.plain(seed))
     for option, switch in {"quiet": quiet, "deterministic": deterministic}.items():
         SWITCH.check(option, switch)
     if isinstance(policy, str | Path | Trained):
@@ -277,16 +286,6 @@ def evaluate(
     )
 
 
-def _whole(kind: Kind, name: str, given: Any) -> int:
-    """A whole number as the command line takes it; NumPy's are taken too.
-
-    Raises:
-        SettingsError: it is none, or out of range.
-    """
-    number: int = kind.check(name, int(given) if isinstance(given, np.integer) else given)
-    return number
-
-
 def _ours(
     policy: str | Path | Trained, world: str, episodes: int, seed: int, quiet: bool, settings: Any
 ) -> Evaluation:
@@ -296,9 +295,12 @@ def _ours(
         raise LanewiseError(
             f"{next(iter(settings))}: a trained controller is tested with its own settings"
         )
-    controller = (
-        policy if isinstance(policy, Trained) else _load(policy, OURS if parts is None else parts)
-    )
+    if isinstance(policy, Trained):
+        controller = policy
+    else:
+        path = PATH.check("policy", policy)
+        with _file_errors("read", path):
+            controller = trained.load(path, OURS if parts is None else parts)
     if parts is not None and parts != controller.parts:
         made = "; ".join(controller.parts.names()) or "no parts of the user's own"
         raise RunError(f"parts: {controller.name} was made with {made}; give no others")
@@ -322,15 +324,6 @@ def _summary(found: Episodes, name: str, world: str, course: TestCourse) -> Summ
     )
     unlike = published.unlike_test(settings, course.parts.names(), course.split)
     return metrics.summarise(found, controller=name, world=world, unlike_paper=unlike)
-
-
-def _load(policy: str | Path, parts: Parts) -> Trained:
-    """A controller of ours from its folder or name."""
-    path = PATH.check("policy", policy)
-    try:
-        return trained.load(path, parts)
-    except OSError as error:
-        raise RunError(f"cannot read {brief(str(path))}: {error.strerror or error}") from error
 
 
 def _course(actions: str, settings: dict[str, Any]) -> OutsideCourse:

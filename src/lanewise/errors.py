@@ -11,9 +11,9 @@ _JOINERS = "\u200c\u200d"
 
 
 class LanewiseError(Exception):
-    """A mistake the user can mend; the command line prints its message and exits with code 2.
+    """A mistake that the user can correct; the command line prints it and exits with code 2.
 
-    A message may quote a stranger's file: as text it holds nothing that a terminal would obey.
+    A message may quote an untrusted file: its text holds no control characters for a terminal.
     """
 
     def __str__(self) -> str:
@@ -37,7 +37,7 @@ class ActionError(LanewiseError, ValueError):
 
 
 class NumbersError(LanewiseError):
-    """A number that must be finite is not: in what is seen or paid, in a loss or in weights."""
+    """A number that must be finite is not: an observation, a reward, a loss or a weight."""
 
     def __init__(self, message: str, found: tuple[dict[str, Any], ...] = ()) -> None:
         super().__init__(message)

@@ -13,8 +13,8 @@ import pytest
 from lanewise.bench import catalogue, peers, processes, ratios, table
 from lanewise.bench.parts import gpu, level, training, update
 from lanewise.bench.task import Asked, Figure, Task
-from lanewise.cli import main
-from lanewise.commands import bench
+from lanewise.cli import bench_command
+from lanewise.cli.main import main
 from lanewise.driving import actions, observation
 from lanewise.errors import LanewiseError
 from lanewise.learning.settings import LearnerSettings
@@ -28,7 +28,7 @@ def figure(part, case, subject, value, unit="things/s", **detail):
 
 
 def test_the_names_of_the_parts_are_known_to_the_command_line():
-    assert tuple(catalogue.PARTS) == bench.PARTS
+    assert tuple(catalogue.PARTS) == bench_command.PARTS
 
 
 def test_without_peers_only_ours_is_measured():

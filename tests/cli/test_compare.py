@@ -12,13 +12,13 @@ import small_runs
 
 import lanewise
 from lanewise import config
-from lanewise.cli import main
+from lanewise.cli.main import main
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import drive
 from lanewise.report import files
-from lanewise.runs import run_state, trained
+from lanewise.runs import run_state
 from lanewise.runs.run_folder import RunFolder
-from lanewise.training import recipe
+from lanewise.training.plan import TrainingPlan
 
 CONTROLLER = "single-level"
 OPTIONS = {
@@ -45,8 +45,7 @@ def make_run(name, changes):
     seed = 1 if name == "s1" else 0
     rng = np.random.default_rng(seed)
     with RunFolder.create(Path(name), settings, CONTROLLER, seed) as folder:
-        (stage,) = recipe.RECIPES[CONTROLLER]
-        shapes = trained.blank_networks(folder, stage)
+        shapes = TrainingPlan.build(settings, CONTROLLER).parameters
         weights = jax.tree.map(lambda leaf: rng.normal(0, 0.5, leaf.shape).astype("f4"), shapes)
         run_state.save_controller(folder, weights)
 

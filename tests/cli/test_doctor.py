@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from lanewise.cli import main
+from lanewise.cli.main import main
 from lanewise.report import installation
 
 

@@ -7,14 +7,16 @@ import sys
 
 import pytest
 
-from lanewise import cli
-from lanewise.cli import main
+from lanewise.cli import sweep_command, train_command
+from lanewise.cli.main import main
 from lanewise.errors import printable
 from lanewise.experiments import evaluate_trained
 from lanewise.report import clip
 from lanewise.runs import training_loop
 
 TRAIN = ["train", "hierarchical", "--out", "run"]
+STEERING = ("a\x1b[31mb\nc", "it's\t\x07", os.fsdecode(b"caf\xe9 \xff"), "\u202egnp", "ä ö")
+"""Names of folders that would steer a terminal, or that no text can hold."""
 
 
 @pytest.fixture(autouse=True)
@@ -25,34 +27,14 @@ def inside(tmp_path, monkeypatch):
 
 
 def fail_with(error, monkeypatch):
-    def runner(parsed):
+    def run(parsed):
         raise error
 
-    monkeypatch.setitem(cli.RUNNERS, "train", runner)
-
-
-def test_interruption_says_how_to_go_on(tmp_path, monkeypatch, capsys):
-    fail_with(KeyboardInterrupt(), monkeypatch)
-    monkeypatch.chdir(tmp_path)
-    words = ["train", "hierarchical", "--out", "my run", "--seed", "3", "--high-level", "step 1"]
-    assert main(words) == 130
-    error = capsys.readouterr().err
-    expected = "lanewise train hierarchical --out 'my run' --high-level 'step 1' --resume"
-    assert error.splitlines()[-1].strip() == expected
-    assert "interrupted; continue with:" in error
-    # Once its step 1 is taken over, the other run is wanted no more.
-    (tmp_path / "my run" / "stages").mkdir(parents=True)
-    assert main(words) == 130
-    expected = "lanewise train hierarchical --out 'my run' --resume"
-    assert capsys.readouterr().err.splitlines()[-1].strip() == expected
-
-
-STEERING = ("a\x1b[31mb\nc", "it's\t\x07", os.fsdecode(b"caf\xe9 \xff"), "\u202egnp", "ä ö")
-"""Names of folders that would steer a terminal, or that no text can hold."""
+    monkeypatch.setattr(train_command, "run", run)
 
 
 def words_of(line):
-    """What a shell makes of a line."""
+    """The words that a shell reads in a line."""
     script = f"for word in {line.strip()}; do printf '%s\\0' \"$word\"; done"
     said = subprocess.run(["bash", "-c", script], capture_output=True, check=True).stdout
     return [os.fsdecode(word) for word in said.split(b"\0")[:-1]]
@@ -64,25 +46,32 @@ def plain(text):
     return text
 
 
-@pytest.mark.parametrize("name", STEERING)
-def test_how_to_resume_leads_to_the_folder_whatever_its_name(name, monkeypatch, capsys):
+def test_interruption_says_how_to_go_on(inside, monkeypatch, capsys):
     fail_with(KeyboardInterrupt(), monkeypatch)
-    assert main(["train", "single-level", "--out", name]) == 130
+    words = ["train", "hierarchical", "--out", "my run", "--seed", "3", "--high-level", "step 1"]
+    assert main(words) == 130
+    error = capsys.readouterr().err
+    expected = "lanewise train hierarchical --out 'my run' --high-level 'step 1' --resume"
+    assert error.splitlines()[-1].strip() == expected
+    assert "interrupted; continue with:" in error
+    # Once its step 1 is taken over, the other run is no longer needed.
+    (inside / "my run" / "stages").mkdir(parents=True)
+    assert main(words) == 130
+    expected = "lanewise train hierarchical --out 'my run' --resume"
+    assert capsys.readouterr().err.splitlines()[-1].strip() == expected
+
+
+@pytest.mark.parametrize("name", STEERING)
+def test_what_a_command_prints_leads_to_the_folder_and_steers_no_terminal(
+    name, monkeypatch, capsys
+):
+    with monkeypatch.context() as patch:
+        fail_with(KeyboardInterrupt(), patch)
+        assert main(["train", "single-level", "--out", name]) == 130
     error = plain(capsys.readouterr().err)
     assert error.count("\n") == 3
-    expected = ["lanewise", "train", "single-level", "--out", name, "--resume"]
-    assert words_of(error.splitlines()[-1]) == expected
-
-
-def test_a_name_without_anything_odd_is_shown_as_it_is(monkeypatch, capsys):
-    fail_with(KeyboardInterrupt(), monkeypatch)
-    assert main(["train", "single-level", "--out", "größe 日本"]) == 130
-    last = capsys.readouterr().err.splitlines()[-1]
-    assert last == "  lanewise train single-level --out 'größe 日本' --resume"
-
-
-@pytest.mark.parametrize("name", STEERING)
-def test_finished_and_wrote_steer_no_terminal(name, monkeypatch, capsys):
+    resume = ["lanewise", "train", "single-level", "--out", name, "--resume"]
+    assert words_of(error.splitlines()[-1]) == resume
     monkeypatch.setattr(training_loop, "train", lambda *_, **__: None)
     assert main(["train", "single-level", "--out", name]) == 0
     finished = plain(capsys.readouterr().err)
@@ -90,16 +79,19 @@ def test_finished_and_wrote_steer_no_terminal(name, monkeypatch, capsys):
     assert words_of(finished.partition("; ")[2]) == ["lanewise", "evaluate", name, "tests", "it"]
     monkeypatch.setattr(evaluate_trained, "record", lambda *_: None)
     monkeypatch.setattr(clip, "render", lambda *_: None)
-    out = f"{name}.gif"
-    assert main(["watch", "pretrained/single-level", "-o", out]) == 0
+    assert main(["watch", "pretrained/single-level", "-o", f"{name}.gif"]) == 0
     assert plain(capsys.readouterr().err).count("\n") == 3
-    assert main(["export", "pretrained/single-level", "-o", f"{name}.npz"]) == 0
-    assert plain(capsys.readouterr().err).count("\n") == 1
-    # What is not finished says how to go on.
+    # A run that is not finished says how to go on.
     assert main(["evaluate", name]) == 2
     said = plain(capsys.readouterr().err).partition("; ")[2]
-    wanted = ["lanewise", "train", "single-level", "--out", name, "--resume", "continues", "it"]
-    assert words_of(said) == wanted
+    assert words_of(said) == [*resume, "continues", "it"]
+
+
+def test_letters_of_any_script_are_shown_as_they_are(monkeypatch, capsys):
+    fail_with(KeyboardInterrupt(), monkeypatch)
+    assert main(["train", "single-level", "--out", "größe 日本"]) == 130
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == "  lanewise train single-level --out 'größe 日本' --resume"
 
 
 def test_interruption_after_the_settings_file_was_edited(inside, monkeypatch, capsys):
@@ -110,20 +102,18 @@ def test_interruption_after_the_settings_file_was_edited(inside, monkeypatch, ca
         settings.write_text("[scenario]\ntrap_sped =")
         raise KeyboardInterrupt
 
-    monkeypatch.setitem(cli.RUNNERS, "train", edited_meanwhile)
+    monkeypatch.setattr(train_command, "run", edited_meanwhile)
     assert main([*TRAIN, "--settings", "mine.toml"]) == 130
     expected = "lanewise train hierarchical --out run --resume"
     assert capsys.readouterr().err.splitlines()[-1].strip() == expected
 
 
-def test_sigterm_is_an_interruption_too(monkeypatch, capsys):
-    """And only while a command runs."""
-
+def test_sigterm_interrupts_only_while_a_command_runs(monkeypatch, capsys):
     def cleared(parsed):
         os.kill(os.getpid(), signal.SIGTERM)
         raise AssertionError("still running")
 
-    monkeypatch.setitem(cli.RUNNERS, "sweep", cleared)
+    monkeypatch.setattr(sweep_command, "run", cleared)
     assert main(["sweep", "run", "--out", "map"]) == 130
     expected = "lanewise: interrupted; the same command continues it"
     assert capsys.readouterr().err.strip() == expected
@@ -131,15 +121,16 @@ def test_sigterm_is_an_interruption_too(monkeypatch, capsys):
 
 
 INTERRUPTED_UNHEARD = """
-import os, signal, sys
-from lanewise import cli
+import sys
+from lanewise.cli import train_command
+from lanewise.cli.main import main
 
 def stopped(parsed):
     sys.stdout.write("half a line")
     raise KeyboardInterrupt
 
-cli.RUNNERS["train"] = stopped
-sys.exit(cli.main(["train", "single-level", "--out", "run"]))
+train_command.run = stopped
+sys.exit(main(["train", "single-level", "--out", "run"]))
 """
 
 
@@ -161,7 +152,6 @@ def test_an_interruption_that_nobody_hears_of(tmp_path):
     ("error", "hint"),
     [
         (OSError(28, "No space left on device", "run/x"), "No space left on device: run/x"),
-        (PermissionError(13, "Permission denied", "run"), "Permission denied: run"),
         (OSError("odd"), "odd"),
     ],
 )
@@ -171,27 +161,14 @@ def test_trouble_with_the_disk_is_one_line(error, hint, monkeypatch, capsys):
     assert capsys.readouterr().err == f"lanewise: error: {hint}\n"
 
 
-def test_a_full_disk_behind_standard_output():
+def test_a_full_disk_behind_standard_output_is_an_error_and_a_reader_that_leaves_is_none():
+    command = [sys.executable, "-m", "lanewise", "--version"]
+    options = {"stderr": subprocess.PIPE, "text": True, "check": False}
     with open("/dev/full", "w") as full:
-        done = subprocess.run(
-            [sys.executable, "-m", "lanewise", "--version"],
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            check=False,
-        )
+        done = subprocess.run(command, stdout=full, **options)
     assert (done.returncode, done.stderr) == (2, "lanewise: error: No space left on device\n")
-
-
-def test_a_reader_that_leaves_is_no_error():
     reading, writing = os.pipe()
     os.close(reading)
-    done = subprocess.run(
-        [sys.executable, "-m", "lanewise", "train", "--help"],
-        stdout=writing,
-        stderr=subprocess.PIPE,
-        text=True,
-        check=False,
-    )
+    done = subprocess.run(command, stdout=writing, **options)
     os.close(writing)
     assert (done.returncode, done.stderr) == (0, "")

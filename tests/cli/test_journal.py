@@ -1,16 +1,14 @@
 """The journal of a sweep: how it is begun, and what a full disk leaves of that."""
 
-import json
 import os
 import resource
 from contextlib import contextmanager
-from dataclasses import asdict
 
 import pytest
 
-from lanewise.commands import journal
+from lanewise.cli import journal
 from lanewise.errors import RunError
-from lanewise.evaluation.grid import Outcome, Reach
+from lanewise.evaluation.grid import Reach
 from lanewise.system import folder_io
 from lanewise.system.folder_io import PARTIAL
 
@@ -57,28 +55,6 @@ def test_a_journal_without_a_whole_line_is_damaged_and_not_anothers(tmp_path, te
     with pytest.raises(RunError, match="is damaged: remove it to begin anew"):
         journal.open_(path, IDENTITY)
     assert path.read_text() == text
-
-
-def test_one_from_before_both_successes_goes_on_without_the_papers(tmp_path):
-    path = tmp_path / "progress.jsonl"
-    begin(path)
-    begun, whole = path.read_text(), asdict(Outcome(2, 1, 0, 0, 1, 8.0, 10.0, 1))
-    digest = journal.read(path, IDENTITY)[2]
-
-    def read(line):
-        line = {"kind": "Outcome"} | line
-        signed = line | {"digest": journal._digest(digest, line)}
-        path.write_text(begun + json.dumps(signed) + "\n")
-        return journal.read(path, IDENTITY)[1][-1]
-
-    def without(name):
-        return {field: value for field, value in whole.items() if field != name}
-
-    assert read(whole) == Outcome(**whole)
-    assert read(without("escapes")) == Outcome(**without("escapes"))
-    for damaged in (without("reward"), whole | {"escapes": 1.0}, whole | {"escapes": True}):
-        with pytest.raises(RunError, match="is damaged"):
-            read(damaged)
 
 
 def test_one_begun_just_before_the_lock_was_had_is_kept(tmp_path, monkeypatch):

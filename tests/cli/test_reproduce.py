@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from lanewise.cli import main
+from lanewise.cli.main import main
 from lanewise.experiments import drives, schedule
 from lanewise.report import provenance
 from lanewise.system import folder_io, version

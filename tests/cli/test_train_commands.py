@@ -11,19 +11,17 @@ import pytest
 import small_runs
 from PIL import Image
 
-from lanewise.cli import main
-from lanewise.commands import sweep
+from lanewise.cli import sweep_command as sweep
+from lanewise.cli.main import main
+from lanewise.config.settings import Settings
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import drive
 from lanewise.evaluation import sweep as drives
 from lanewise.evaluation.grid import CAUSES, Outcome, Reach
 from lanewise.report import files
 from lanewise.report import sweep as maps
-from lanewise.runs import run_folder
-from lanewise.settings import Settings
 from lanewise.system import folder_io
 from lanewise.system.folder_io import OpenFolder
-from lanewise.training import recipe
 
 FLAGS = small_runs.flags(chunks=1) | {
     "evaluation.duration": 3,
@@ -266,7 +264,3 @@ def test_the_last_line_names_a_folder_that_no_text_can(tmp_path, monkeypatch, ca
         command, SimpleNamespace(points=list), folder, SimpleNamespace(folder=OpenFolder(out))
     )
     assert capsys.readouterr().out.endswith("caf\\udce9/map.md\n")
-
-
-def test_the_name_of_step_1_is_known_without_its_recipe():
-    assert recipe.STEP_1.name == run_folder.STEP_1

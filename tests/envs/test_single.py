@@ -16,11 +16,11 @@ from imageio_ffmpeg import count_frames_and_secs
 
 import lanewise
 from lanewise import config
+from lanewise.config.settings import Settings
 from lanewise.driving import observation
 from lanewise.envs import keywords, single
 from lanewise.errors import LanewiseError, SettingsError
 from lanewise.registration import ENVIRONMENTS
-from lanewise.settings import Settings
 
 IDLE, FASTER = 4, 7
 FASTER_BY_ID = {

@@ -9,11 +9,11 @@ import pytest
 
 import lanewise
 from lanewise import api
-from lanewise.commands.evaluate import Evaluate
+from lanewise.cli.evaluate_command import Evaluate
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import metrics
 from lanewise.evaluation.episodes import Episodes
-from lanewise.ranges import Kind
+from lanewise.fields.ranges import FieldType
 from lanewise.report import table
 from lanewise.runs import trained
 
@@ -119,7 +119,7 @@ def test_parts_that_a_controller_was_not_trained_with_are_not_passed_over():
 
 def test_as_many_episodes_as_on_the_command_line():
     hint = get_type_hints(Evaluate, include_extras=True)["episodes"]
-    assert Kind.of(hint) == api.COUNT
+    assert FieldType.of(hint) == api.COUNT
 
 
 @pytest.mark.usefixtures("driven")

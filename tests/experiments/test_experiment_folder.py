@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from lanewise.cli import main
+from lanewise.cli.main import main
 from lanewise.errors import RunError
 from lanewise.experiments import experiment, experiment_folder, jobs, reporting, schedule
 from lanewise.system.folder_io import OpenFolder

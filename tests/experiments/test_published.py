@@ -3,8 +3,8 @@
 import pytest
 
 from lanewise import config
+from lanewise.config.settings import PRESETS
 from lanewise.experiments import published
-from lanewise.settings import PRESETS
 
 TESTS = [
     ({"evaluation.duration": 40}, "evaluation.duration is 40, not 25"),

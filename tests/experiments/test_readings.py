@@ -6,10 +6,9 @@ import re
 import pytest
 
 from lanewise import config
+from lanewise.controllers.registry import CONTROLLERS, TRAINABLE
 from lanewise.experiments import experiment, readings
 from lanewise.experiments.readings import ArmSettings
-from lanewise.runs.run_folder import CONTROLLERS
-from lanewise.training import recipe
 
 QUOTED = re.compile(r"`(\*?[a-z_.]+) = ([^`]*)`")
 FLAT_ALONE = """
@@ -122,9 +121,10 @@ def test_a_step_1_that_was_taken_over_is_not_the_arms_own():
     assert here([lent])["4"].startswith("`low_level.duration = 60` decisions")
 
 
-def test_whatever_learns_in_a_recipe_is_shown():
-    assert set(readings.LEARNS) == set(CONTROLLERS)
-    for name, stages in recipe.RECIPES.items():
-        levels = {level for stage in stages for level in stage.learns}
-        shown = {section.rpartition(".")[2] for section in readings.LEARNS[name]}
-        assert shown - {"h_dqn"} == levels
+def test_whatever_learns_is_shown():
+    arms = readings.by_default()
+    assert [arm.controller for arm in arms] == list(TRAINABLE)
+    for arm in arms:
+        levels = {level for stage in CONTROLLERS[arm.controller].stages for level in stage.learns}
+        shown = {name.split(".")[-3] for name in arm.names("*.learner.discount")}
+        assert shown == levels

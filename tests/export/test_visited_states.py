@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from lanewise.cli import main
+from lanewise.cli.main import main
 from lanewise.export import numpy_policy
 
 ROOT = Path(__file__).parents[2]

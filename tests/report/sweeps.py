@@ -4,9 +4,9 @@ import random
 from dataclasses import replace
 
 from lanewise import config
+from lanewise.config.settings import Settings
 from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
 from lanewise.report.sweep import Sweep
-from lanewise.settings import Settings
 
 
 def sweep_of(grid: Grid | None = None, episodes: int = 20, clearance: float = 0.1) -> Sweep:

@@ -9,10 +9,10 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import FancyBboxPatch, Polygon
 
 from lanewise.config import compose
+from lanewise.config.settings import Settings
 from lanewise.report import framework, road, start_ranges, trap_schematic, two_steps
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
-from lanewise.settings import Settings
 
 OTHER = TrapSettings(
     lanes=5,

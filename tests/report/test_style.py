@@ -8,6 +8,7 @@ from matplotlib import cbook
 from matplotlib.figure import Figure
 from PIL import Image
 
+from lanewise.config.settings import Settings
 from lanewise.errors import LanewiseError
 from lanewise.report import (
     film_strip,
@@ -20,7 +21,6 @@ from lanewise.report import (
     trap_schematic,
     two_steps,
 )
-from lanewise.settings import Settings
 
 RECORDINGS = {"single-level": make_recording(goals=False), "hierarchical": make_recording()}
 FIGURES = {

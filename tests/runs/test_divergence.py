@@ -8,7 +8,7 @@ import pytest
 import small_runs
 
 import lanewise
-from lanewise.cli import main
+from lanewise.cli.main import main
 from lanewise.driving import reward
 from lanewise.errors import NumbersError, RunError
 from lanewise.runs import checkpoint, divergence, metrics_file, training_loop

@@ -10,7 +10,7 @@ import small_runs
 
 import lanewise
 from lanewise import api, config
-from lanewise.cli import main
+from lanewise.cli.main import main
 from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import LanewiseError, RunError, SettingsError
 from lanewise.runs import metrics_file

@@ -10,10 +10,10 @@ import pytest
 import small_runs
 
 from lanewise import config
+from lanewise.config.settings import Settings
 from lanewise.errors import RunError
 from lanewise.runs import run_state
 from lanewise.runs.run_folder import RunFolder, require_empty
-from lanewise.settings import Settings
 from lanewise.system import version
 
 

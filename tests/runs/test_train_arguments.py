@@ -6,7 +6,7 @@ import pytest
 
 import lanewise
 from lanewise import Parts, api, config
-from lanewise.cli import main
+from lanewise.cli.main import main
 from lanewise.errors import LanewiseError, RunError, SettingsError
 from lanewise.runs.run_folder import RunFolder
 

@@ -11,6 +11,7 @@ import small_runs
 from small_runs import Quiet, results, resume
 
 from lanewise import cli
+from lanewise.cli.main import main
 from lanewise.errors import LanewiseError, RunError
 from lanewise.evaluation import drive
 from lanewise.runs import checkpoint, metrics_file, trained, training_loop
@@ -190,7 +191,7 @@ def test_an_altered_controller_is_refused(whole, tmp_path, capsys):
     data = bytearray(file.read_bytes())
     data[-1] ^= 1
     file.write_bytes(data)
-    assert cli.main(["evaluate", str(path), "--episodes", "1"]) == 2
+    assert main(["evaluate", str(path), "--episodes", "1"]) == 2
     captured = capsys.readouterr()
     assert "altered" in captured.err
     assert captured.out == ""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from lanewise import commands
+from lanewise import cli
 from lanewise.system.progress import Progress, tell
 
 
@@ -121,7 +121,7 @@ def test_nor_because_a_command_cannot_say_how_far_it_is(monkeypatch):
     monkeypatch.setattr(sys, "stderr", Gone(terminal=False))
     tell("drawing")
     monkeypatch.undo()
-    for module in Path(commands.__file__).parent.glob("*.py"):
+    for module in Path(cli.__file__).parent.glob("*_command.py"):
         assert "sys.stderr.write" not in module.read_text(), module.name
 
 

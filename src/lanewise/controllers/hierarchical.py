@@ -4,6 +4,7 @@ Also h-DQN's: the two differ in training alone (see `lanewise.training.recipe`).
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 from jax import Array
 
@@ -28,6 +29,13 @@ class Hierarchical:
     name: str = "hierarchical"
     observed: int = observation.SIZE
     """Features observed."""
+
+    @classmethod
+    def from_settings(
+        cls, settings: Any, *, name: str, renewal: str, observed: int
+    ) -> "Hierarchical":
+        """Makes it from a run's settings, see `lanewise.controllers.registry.make`."""
+        return cls(settings.driving, settings.goals, renewal, name, observed)
 
     @property
     def levels(self) -> tuple[HighLevel, LowLevel]:

@@ -1,6 +1,7 @@
 """The planned controller of step 1: the high level sets goals, the planner drives to them."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from jax import Array
 
@@ -26,6 +27,11 @@ class Planned:
     name: str = "planned"
     observed: int = observation.SIZE
     """Features observed."""
+
+    @classmethod
+    def from_settings(cls, settings: Any, *, name: str, renewal: str, observed: int) -> "Planned":
+        """Makes it from a run's settings, see `lanewise.controllers.registry.make`."""
+        return cls(settings.driving, settings.goals, settings.planner, renewal, observed=observed)
 
     @property
     def levels(self) -> tuple[HighLevel]:

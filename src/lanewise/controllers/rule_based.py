@@ -5,6 +5,7 @@ controller only looks on.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import jax.numpy as jnp
 from jax import Array
@@ -20,6 +21,11 @@ class RuleBased:
 
     name: str = "rule-based"
     levels: tuple[()] = ()
+
+    @classmethod
+    def from_settings(cls, settings: Any, *, name: str, renewal: str, observed: int) -> "RuleBased":
+        """Makes it from a run's settings, see `lanewise.controllers.registry.make`."""
+        return cls()
 
     def start(self, percept: Percept) -> tuple[()]:
         """Nothing to remember."""

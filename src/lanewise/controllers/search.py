@@ -6,6 +6,7 @@ real drive, so the best possible one is at least as good; how much better is not
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -67,6 +68,12 @@ class Search:
     """Decisions planned."""
     name: str = "search"
     levels: tuple[()] = ()
+
+    @classmethod
+    def from_settings(cls, settings: Any, *, name: str, renewal: str, observed: int) -> "Search":
+        """Makes it from a run's settings, see `lanewise.controllers.registry.make`."""
+        duration = settings.driving.decisions_in(settings.evaluation.duration)
+        return cls(settings.driving, settings.search, duration)
 
     def start(self, percept: Percept) -> Plan:
         """The whole plan.

@@ -3,13 +3,9 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from lanewise.ranges import Between, OneOf
+from lanewise.fields.ranges import Between, OneOf
 
 RENEWALS = ("critic", "timestep", "decision")
-
-
-REFERENCES = ("rule-based", "search")
-"""Drivers that need no training, to compare with."""
 
 
 @dataclass(frozen=True)

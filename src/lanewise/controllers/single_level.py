@@ -1,6 +1,7 @@
 """The single-level controller: one network from the 26 features to the nine actions."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -52,6 +53,13 @@ class SingleLevel:
     name: str = "single-level"
     observed: int = observation.SIZE
     """Features observed."""
+
+    @classmethod
+    def from_settings(
+        cls, settings: Any, *, name: str, renewal: str, observed: int
+    ) -> "SingleLevel":
+        """Makes it from a run's settings, see `lanewise.controllers.registry.make`."""
+        return cls(settings.single_level.hold, observed=observed)
 
     @property
     def levels(self) -> tuple[FlatLevel]:

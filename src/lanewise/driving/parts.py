@@ -13,7 +13,7 @@ from jax import Array
 from lanewise.driving import observation, reward
 from lanewise.driving.settings import DrivingSettings, ObservationSettings, RewardSettings
 from lanewise.errors import LanewiseError, SettingsError, brief
-from lanewise.ranges import show
+from lanewise.fields.ranges import show
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
 from lanewise.system import pinned

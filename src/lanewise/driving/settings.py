@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from math import ceil, pi
 from typing import Annotated
 
-from lanewise.ranges import Between, OneOf
+from lanewise.fields.ranges import Between, OneOf
 
 Weight = Between(0.0, 1000.0)
 
@@ -36,7 +36,7 @@ class ObservationSettings:
     relative_speed_range: Annotated[float, Between(0.5, 100.0, "m/s")] = 5.0
     """Relative speed that reads as 1 in the fine scaling."""
     perception_distance: Annotated[float, Between(1.0, 1000.0, "m")] = 200.0
-    """Vehicles farther than this are not seen."""
+    """Vehicles farther than this are not observed."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from lanewise.crosschecks import check_duration
+from lanewise.config.validation import check_duration
 from lanewise.driving import episode, restart
 from lanewise.driving.actions import are_numbers
 from lanewise.driving.episode import Episode
@@ -21,7 +21,7 @@ from lanewise.driving.parts import OURS, Parts, checked
 from lanewise.envs import keywords
 from lanewise.envs.control import Continuous, Control, Driven, Goals, LowLevel, Rules
 from lanewise.errors import ActionError, SettingsError
-from lanewise.names import look_up
+from lanewise.fields.suggestions import look_up
 from lanewise.scenario.settings import TrapSettings
 from lanewise.scenario.trap import SPLITS
 from lanewise.system import pinned, process

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from lanewise import config
+from lanewise.config.settings import Settings
 from lanewise.errors import SettingsError, brief
-from lanewise.names import nearest
-from lanewise.settings import Settings
+from lanewise.fields.suggestions import nearest
 
 SECTIONS = ("scenario", "driving", "goals", "planner")
 """Of the settings, what an environment heeds."""
@@ -38,7 +38,7 @@ def compose(
             or is given twice; or a value has the wrong type, is out of range or contradicts
             another.
     """
-    known = [name for name in config.kinds() if name.partition(".")[0] in sections]
+    known = [name for name in config.field_types() if name.partition(".")[0] in sections]
     flags: dict[str, object] = {}
     for name, value in _flat(given, known):
         setting = _resolve(name, known)

@@ -21,7 +21,7 @@ from lanewise.envs import functional, rows, spaces
 from lanewise.envs.functional import State, Trap
 from lanewise.envs.starts import Starts
 from lanewise.errors import SettingsError
-from lanewise.names import look_up
+from lanewise.fields.suggestions import look_up
 from lanewise.scenario import trap
 from lanewise.system import pinned, process
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lanewise.envs.keywords import plain
 from lanewise.errors import LanewiseError
-from lanewise.ranges import show
+from lanewise.fields.ranges import show
 
 LARGEST = 2**32
 """Seeds are smaller than this."""

@@ -23,15 +23,15 @@ from lanewise.envs import functional, rows, single, spaces
 from lanewise.envs.functional import State, Trap
 from lanewise.envs.keywords import plain
 from lanewise.envs.starts import Starts, mapping
-from lanewise.names import look_up
-from lanewise.ranges import Between, Kind
+from lanewise.fields.ranges import Between, FieldType
+from lanewise.fields.suggestions import look_up
 from lanewise.scenario import trap
 from lanewise.system import pinned
 
 Booleans = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Info = dict[str, Any]
-COUNT = Kind(int, None, Between(1))
+COUNT = FieldType(int, None, Between(1, 2**31 - 1))
 """Of worlds, and of steps."""
 
 

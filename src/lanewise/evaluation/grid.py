@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from lanewise.errors import SettingsError
 from lanewise.evaluation.episodes import ACCIDENTS
 from lanewise.evaluation.statistics import Interval, clopper_pearson
-from lanewise.ranges import show
+from lanewise.fields.ranges import show
 
 CAUSES = ACCIDENTS[1:]
 """What ends an episode badly."""

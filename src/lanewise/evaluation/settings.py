@@ -3,7 +3,10 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from lanewise.ranges import Between
+from lanewise.fields.ranges import Between
+
+WORLDS = ("lanewise", "highway-env")
+"""Where a controller can be tested: in our world, or in the real highway-env."""
 
 
 @dataclass(frozen=True)

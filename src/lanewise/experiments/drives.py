@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from lanewise.evaluation.episodes import Recording
-from lanewise.experiments.results import WORLDS, ArmResult, SeedResult
+from lanewise.evaluation.settings import WORLDS
+from lanewise.experiments.results import ArmResult, SeedResult
 
 FOLDER = "drives"
 """Below the report."""

@@ -25,12 +25,12 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from lanewise import config, crosschecks
-from lanewise.controllers.settings import REFERENCES
+from lanewise import config
+from lanewise.config import validation
+from lanewise.config.settings import PRESETS, Settings
+from lanewise.controllers.registry import CONTROLLERS, WITH_STEP_1
 from lanewise.errors import SettingsError, brief
-from lanewise.names import look_up, nearest
-from lanewise.runs.run_folder import CONTROLLERS, WITH_STEP_1
-from lanewise.settings import PRESETS, Settings
+from lanewise.fields.suggestions import look_up, nearest
 from lanewise.system import safe_io
 
 BUILT_IN = ("quick", "standard", "paper")
@@ -65,7 +65,7 @@ class Arm:
     @property
     def trained(self) -> bool:
         """Whether there is anything to train."""
-        return self.controller in CONTROLLERS
+        return bool(CONTROLLERS[self.controller].stages)
 
 
 @dataclass(frozen=True)
@@ -175,8 +175,7 @@ def _arm(name: str, table: Mapping[str, Any]) -> Arm:
         )
     _known(table, ("title", "controller", "high_level", "settings", *_COUNTS), f"arm {name}")
     controller = _text(table, "controller", "")
-    kinds = dict.fromkeys((*CONTROLLERS, *REFERENCES))
-    look_up("controller", controller, kinds)
+    look_up("controller", controller, CONTROLLERS)
     changes = _table(table, "settings") if "settings" in table else {}
     title = _text(table, "title", name)
     counts = {key: _count(table, key) for key in _COUNTS if key in table}
@@ -196,7 +195,7 @@ def _check_high_level(experiment: Experiment, arm: Arm) -> None:
         raise SettingsError(f"arm {arm.name}: has more seeds than {lender.name}, its high_level")
     settings = (experiment.settings(each, "trap-10", {}) for each in (lender, arm))
     try:
-        crosschecks.check_high_level(*settings)
+        validation.check_high_level(*settings)
     except SettingsError as error:
         raise SettingsError(f"arm {arm.name}: {lender.name} {error}") from error
 

@@ -8,16 +8,17 @@ from pathlib import Path
 from typing import Any
 
 from lanewise import config
+from lanewise.config.settings import Settings
+from lanewise.controllers.registry import STEP_1
 from lanewise.errors import RunError
 from lanewise.experiments import evaluate_trained, stored_tests
 from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.experiment_folder import RUNS
 from lanewise.experiments.stored_tests import SETTINGS, StoredTest
 from lanewise.runs import run_state, trained
-from lanewise.runs.run_folder import LARGEST_SETTINGS, STEP_1, RunFolder
+from lanewise.runs.run_folder import LARGEST_SETTINGS, RunFolder
 from lanewise.runs.trained import Trained
 from lanewise.runs.training_loop import train
-from lanewise.settings import Settings
 from lanewise.system import safe_io
 from lanewise.system.folder_io import OpenFolder, write_atomically
 from lanewise.system.progress import Progress
@@ -128,7 +129,7 @@ def check(job: Job) -> None:
             data = safe_io.read_bytes(file, LARGEST_SETTINGS, links=False)
         except safe_io.UnreadableError as error:
             raise RunError(f"cannot read {file}: {error}; choose another folder") from error
-        difference = config.first_difference(config.compose_from(data, file), job.settings)
+        difference = config.first_difference(config.compose(file=file, data=data), job.settings)
         if difference:
             raise RunError(f"{job.path} was tested with other settings: there {difference}")
 
@@ -155,7 +156,7 @@ def run(job: Job, reporter: Progress, out: OpenFolder) -> dict[str, float]:
                 if not run_state.is_finished(folder):
                     began = time.monotonic()
                     # A run that was stopped after it took over step 1 has it already.
-                    taken = run_state.has_stage(folder, STEP_1)
+                    taken = run_state.has_stage(folder, STEP_1.name)
                     plan = TrainingPlan.build(folder.settings, folder.controller)
                     train(folder, plan, reporter, high_level=None if taken else job.high_level)
                     times[f"train {job.label}"] = time.monotonic() - began

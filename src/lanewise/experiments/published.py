@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterable
 
 from lanewise import config
-from lanewise.ranges import show
-from lanewise.settings import TRAPS, Settings
+from lanewise.config.settings import TRAPS, Settings
+from lanewise.fields.ranges import show
 
 TRAINING_STARTS = "scenario.training_"
 """Begins the scenario settings that tests do not use."""

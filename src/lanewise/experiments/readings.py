@@ -10,17 +10,11 @@ from importlib import resources
 from typing import Any
 
 from lanewise import config
+from lanewise.controllers.registry import CONTROLLERS, TRAINABLE
 from lanewise.report.escape import cell
 
 _QUOTED = re.compile(r"`(\*?[a-z_]*(?:\.[a-z_]+)+)`")
 HEADS = ("#", "the paper", "here", "literal or other reading", "why")
-LEARNS = {
-    "single-level": ("single_level",),
-    "planned": ("high_level",),
-    "hierarchical": ("high_level", "low_level"),
-    "h-dqn": ("h_dqn", "h_dqn.high_level", "h_dqn.low_level"),
-}
-"""By controller, the sections of the settings that say how it learns."""
 STAR = (
     "`*` stands for every stage and level that learns: `single_level`, `high_level`, `low_level`, "
     "and `h_dqn` with its two levels."
@@ -48,15 +42,22 @@ class ArmSettings:
         ending, _, leaf = quoted[1:].partition(".")
         learns = [
             section
-            for section in LEARNS.get(self.controller, ())
+            for section in _learning_sections(self.controller)
             if section.endswith(ending) and not (self.takes_over and section == "high_level")
         ]
         return [name for section in learns if (name := f"{section}.{leaf}") in self.settings]
 
 
 def by_default() -> list[ArmSettings]:
-    """Every controller with the default settings."""
-    return [ArmSettings(name, name, _defaults()) for name in LEARNS]
+    """Every trained controller with the default settings."""
+    return [ArmSettings(name, name, _defaults()) for name in TRAINABLE]
+
+
+def _learning_sections(controller: str) -> tuple[str, ...]:
+    """The sections of the settings that say how a controller learns."""
+    stages = CONTROLLERS[controller].stages
+    sections = (each for stage in stages for each in (stage.section, *stage.level_sections))
+    return tuple(dict.fromkeys(sections))
 
 
 @cache

@@ -6,11 +6,12 @@ from typing import Any
 
 from lanewise.evaluation import metrics
 from lanewise.evaluation.metrics import Paired
+from lanewise.evaluation.settings import WORLDS
 from lanewise.experiments import published
 from lanewise.experiments.claims import Claim
 from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.figures import Drawn
-from lanewise.experiments.results import WORLDS, ArmResult, SeedResult
+from lanewise.experiments.results import ArmResult, SeedResult
 from lanewise.report.arms import ArmFigures
 from lanewise.runs.selected_weights import SelectedWeights
 

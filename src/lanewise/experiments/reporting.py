@@ -8,13 +8,21 @@ from tempfile import TemporaryDirectory
 from lanewise import config
 from lanewise.evaluation import metrics
 from lanewise.evaluation.metrics import Paired
-from lanewise.experiments import claims, drives, figures, readings, report_data, report_json
+from lanewise.evaluation.settings import WORLDS
+from lanewise.experiments import (
+    claims,
+    drives,
+    figures,
+    readings,
+    report_data,
+    report_json,
+)
 from lanewise.experiments.claims import Claim, Seed
 from lanewise.experiments.evidence import Evidence
 from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.figures import COMPARED, FOLDER, PROFILE_SECONDS, SCHEDULES
 from lanewise.experiments.report_data import ReportData
-from lanewise.experiments.results import WORLDS, ArmResult, SeedResult
+from lanewise.experiments.results import ArmResult, SeedResult
 from lanewise.report import arms as tables
 from lanewise.report import clip, page, provenance, table, weights
 from lanewise.report.curves import write_curves

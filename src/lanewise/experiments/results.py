@@ -5,17 +5,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from lanewise.controllers.registry import STEP_1
 from lanewise.evaluation.episodes import Recording
 from lanewise.experiments import evaluate_trained
 from lanewise.experiments.experiment import Arm, Experiment
 from lanewise.experiments.jobs import Job
 from lanewise.experiments.stored_tests import StoredTest
 from lanewise.runs import metrics_file, run_state, selected_weights, trained
-from lanewise.runs.run_folder import STEP_1, RunFolder
+from lanewise.runs.run_folder import RunFolder
 from lanewise.runs.selected_weights import SelectedWeights
 from lanewise.runs.trained import Trained
-
-WORLDS = ("lanewise", "highway-env")
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class SeedResult:
         """The metrics of its training, and before them those of a step 1 that it took over."""
         lender = self.job.high_level
         taken = [] if lender is None else run_state.training_metrics(RunFolder.open(lender))
-        return [line for line in taken if line["stage"] == STEP_1] + self.lines
+        return [line for line in taken if line["stage"] == STEP_1.name] + self.lines
 
     @property
     def episodes(self) -> list[dict[str, Any]]:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from lanewise.ranges import Between, OneOf
+from lanewise.fields.ranges import Between, OneOf
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class ExplorationSettings:
 class LearnerSettings:
     """Double deep Q-learning with replay."""
 
-    hidden: tuple[int, ...] = (512, 512)
+    hidden: Annotated[tuple[int, ...], Between(1, 65_536)] = (512, 512)
     """Widths of the hidden layers, ReLU between them."""
     double: bool = True
     """Double DQN (van Hasselt et al. 2016) or plain DQN (row 16)."""

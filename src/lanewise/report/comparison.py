@@ -11,7 +11,7 @@ from typing import Any
 from lanewise.errors import one_line
 from lanewise.evaluation.aggregates import Estimate
 from lanewise.evaluation.comparison import Comparison
-from lanewise.ranges import show
+from lanewise.fields.ranges import show
 from lanewise.report import sections
 from lanewise.report.escape import cell, code
 from lanewise.report.provenance import commits, source, versions

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isclose, pi
 
+from lanewise.config.settings import Settings
 from lanewise.controllers import goals
 from lanewise.controllers.settings import GoalSettings
 from lanewise.driving import actions, observation
@@ -12,7 +13,6 @@ from lanewise.report import diagram
 from lanewise.report.diagram import Box, Kind
 from lanewise.report.dimensions import number
 from lanewise.report.style import MINUS, TIMES
-from lanewise.settings import Settings
 
 with needed_for("a schematic"):
     from matplotlib.axes import Axes

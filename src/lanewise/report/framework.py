@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
+from lanewise.config.settings import Settings
 from lanewise.extras import needed_for
 from lanewise.report import control_loop, diagram, style
 from lanewise.report.control_loop import Loop, Part
 from lanewise.report.diagram import Kind
-from lanewise.settings import Settings
 
 with needed_for("the schematic of the framework"):
     from matplotlib.figure import Figure

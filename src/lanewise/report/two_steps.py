@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from lanewise.config.settings import Settings
 from lanewise.controllers import goals
 from lanewise.extras import needed_for
 from lanewise.report import control_loop, diagram, style
@@ -9,7 +10,6 @@ from lanewise.report.control_loop import Loop, Part
 from lanewise.report.diagram import Kind
 from lanewise.report.dimensions import number
 from lanewise.report.style import MINUS, TIMES
-from lanewise.settings import Settings
 from lanewise.training.settings import StageSettings
 
 with needed_for("the schematic of two-step training"):

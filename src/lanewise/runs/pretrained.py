@@ -6,9 +6,9 @@
 
 from pathlib import Path
 
-from lanewise.controllers.settings import REFERENCES
+from lanewise.controllers.registry import REFERENCES
 from lanewise.errors import RunError, brief
-from lanewise.names import nearest
+from lanewise.fields.suggestions import nearest
 from lanewise.runs.run_folder import RunFolder
 
 PRETRAINED = Path(__file__).parent / "pretrained"

@@ -27,21 +27,17 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from lanewise import config, crosschecks
+from lanewise import config
+from lanewise.config import validation
+from lanewise.config.settings import Settings
+from lanewise.controllers.registry import STEP_1, TRAINABLE
 from lanewise.errors import RunError, SettingsError
-from lanewise.ranges import SEEDS
-from lanewise.settings import Settings
+from lanewise.fields.ranges import SEEDS
 from lanewise.system import process, safe_io, version
 from lanewise.system.folder_io import PARTIAL, OpenFolder, lock, make_locked, write_atomically
 
 FORMAT = "lanewise-run"
 VERSION = 2
-CONTROLLERS = ("hierarchical", "single-level", "planned", "h-dqn")
-"""What can be trained."""
-WITH_STEP_1 = ("hierarchical", "planned")
-"""Controllers whose training begins with step 1, and can take it over from another run."""
-STEP_1 = "step-1"
-"""Name of `training.recipe.STEP_1`, known without importing it."""
 _LARGEST_MANIFEST = 100_000
 LARGEST_SETTINGS = 100_000
 """Bytes of a file with every setting."""
@@ -65,7 +61,7 @@ class RunFolder:
     settings: Settings
     """Every setting the run was made with."""
     controller: str
-    """What is trained: a name in ``CONTROLLERS``."""
+    """What is trained: a name in `lanewise.controllers.registry.TRAINABLE`."""
     seed: int
     """Seed of everything random."""
     digest: str
@@ -86,7 +82,7 @@ class RunFolder:
         controller: str,
         seed: int,
         parts: tuple[str, ...] = (),
-        observed: int = crosschecks.FEATURES,
+        observed: int = validation.FEATURES,
     ) -> "RunFolder":
         """Make a run in a new or empty folder and lock it.
 
@@ -103,7 +99,7 @@ class RunFolder:
                 seed is out of range.
             SettingsError: the machine has too little memory for these settings.
         """
-        crosschecks.check_memory(settings, controller, process.total_memory(), observed)
+        validation.check_memory(settings, controller, process.total_memory(), observed)
         name = _name_of(path)
         require_empty(name)
         _check_seed(seed, "")
@@ -296,11 +292,11 @@ def open_high_level(source: Path, settings: Settings, parts: tuple[str, ...] = (
             observe, or it was trained with other parts.
     """
     lender = RunFolder.open(source)
-    if not os.path.lexists(lender.stages / f"{STEP_1}.json"):
-        raise RunError(f"{source} has no finished {STEP_1}: it cannot lend its high level")
+    if not os.path.lexists(lender.stages / f"{STEP_1.name}.json"):
+        raise RunError(f"{source} has no finished {STEP_1.name}: it cannot lend its high level")
     lender.check_parts(parts)
     try:
-        crosschecks.check_high_level(lender.settings, settings)
+        validation.check_high_level(lender.settings, settings)
     except SettingsError as error:
         raise RunError(f"{source} {error}") from error
     return lender
@@ -377,7 +373,7 @@ def _read_manifest(file: Path) -> dict[str, Any]:
         raise RunError(f"{file} {other}")
     if manifest.get("digest") != safe_io.digest(manifest):
         raise RunError(f"{file} was altered: its digest is not its own")
-    if manifest["controller"] not in CONTROLLERS:
+    if manifest["controller"] not in TRAINABLE:
         raise RunError(f"{file} trains an unknown controller")
     _check_seed(manifest["seed"], f"{file} is damaged: ")
     return manifest
@@ -391,6 +387,6 @@ def _read_settings(file: Path, digest: str) -> Settings:
     if hashlib.sha256(data).hexdigest() != digest:
         raise RunError(f"{file} was altered after the run was made")
     try:
-        return config.compose_from(data, file)
+        return config.compose(file=file, data=data)
     except SettingsError as error:
         raise RunError(str(error)) from error

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from lanewise.controllers.controller import Parameters
+from lanewise.controllers.registry import CONTROLLERS, STEP_1
 from lanewise.errors import CheckpointError, RunError
 from lanewise.runs import checkpoint, metrics_file
 from lanewise.runs.checkpoint import Checkpoint
 from lanewise.runs.run_folder import STAGES, RunFolder, open_high_level
 from lanewise.system.version import __version__
-from lanewise.training import recipe
 from lanewise.training.host import StageProgress
 from lanewise.training.plan import TrainingPlan, restored_progress
 
@@ -112,7 +112,7 @@ def finished_stages(folder: RunFolder) -> list[str]:
     Raises:
         CheckpointError: an earlier stage than the last is missing.
     """
-    names = [stage.name for stage in recipe.RECIPES[folder.controller]]
+    names = [stage.name for stage in CONTROLLERS[folder.controller].stages]
     done = [name for name in names if has_stage(folder, name)]
     for name, found in zip(names, done, strict=False):
         if name != found:
@@ -157,7 +157,7 @@ def transfer_high_level(folder: RunFolder, plan: TrainingPlan, source: Path) -> 
         RunError: this run has its own step 1, or the other has none, or the two high levels differ
             in shape or in what they observe.
     """
-    name = recipe.STEP_1.name
+    name = STEP_1.name
     if has_stage(folder, name):
         raise RunError(f"{folder.path} has its own step 1 already; resume it without --high-level")
     lender = open_high_level(source, folder.settings, plan.parts.names())
@@ -180,7 +180,7 @@ def training_metrics(folder: RunFolder) -> list[dict[str, Any]]:
     if done:
         written = metrics_file.read_marked(folder.metrics, _stage_meta(folder, done[-1]))
         found = metrics_file.read_records(folder.metrics)
-        if len(done) == len(recipe.RECIPES[folder.controller]) and len(found) > len(written):
+        if len(done) == len(CONTROLLERS[folder.controller].stages) and len(found) > len(written):
             raise RunError(f"{folder.metrics} was altered: it goes on after the end of the run")
         return found
     return metrics_file.read_records(folder.metrics)

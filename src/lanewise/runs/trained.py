@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from lanewise.config.settings import Settings
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import OURS, Parts
 from lanewise.errors import RunError, shell_line
 from lanewise.runs import checkpoint, pretrained, run_state
 from lanewise.runs.run_folder import RunFolder
-from lanewise.settings import Settings
 from lanewise.training.plan import TrainingPlan
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from lanewise.ranges import Between, OneOf, OrNone
+from lanewise.fields.ranges import Between, OneOf, OrNone
 from lanewise.world.settings import PAPER_DRIVER, DriverSettings
 
 Metres = Between(0.0, 1000.0, "m")

@@ -7,6 +7,7 @@ from typing import Any
 import jax
 
 from lanewise.controllers.controller import Parameters
+from lanewise.controllers.registry import CONTROLLERS
 from lanewise.driving.parts import OURS, Parts, named
 from lanewise.errors import SettingsError
 from lanewise.evaluation import drive
@@ -24,7 +25,7 @@ class TrainingPlan:
 
     settings: RecipeSettings
     controller: str
-    """What is trained: a name in `recipe.RECIPES`."""
+    """What is trained: a name in `lanewise.controllers.registry.TRAINABLE`."""
     parts: Parts
     """The user's own functions."""
     stages: tuple[StagePlan, ...]
@@ -48,7 +49,7 @@ class TrainingPlan:
                 validation_interval=settings.evaluation.validation_interval,
                 fresh_episodes=settings.evaluation.fresh_episodes,
             )
-            for each in recipe.RECIPES[controller]
+            for each in CONTROLLERS[controller].stages
         )
         return cls(settings, controller, parts, stages)
 

@@ -1,15 +1,16 @@
-"""Recipes as data: which stages make a controller, who learns in each, what it hands on."""
+"""A controller's training and tests as data: who drives in each stage and learns, and for how long.
 
-from dataclasses import dataclass, replace
+Which stages there are says `lanewise.controllers.registry`.
+"""
+
+from dataclasses import replace
+from operator import attrgetter
 from typing import Protocol
 
+from lanewise.controllers import registry
 from lanewise.controllers.controller import Controller
-from lanewise.controllers.hierarchical import Hierarchical
-from lanewise.controllers.planned import Planned
-from lanewise.controllers.rule_based import RuleBased
-from lanewise.controllers.search import Search
+from lanewise.controllers.registry import CONTROLLERS, Stage
 from lanewise.controllers.settings import GoalSettings, PlannerSettings, SearchSettings
-from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.parts import OURS, Parts
 from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation.drive import BLOCK, TestCourse
@@ -69,29 +70,8 @@ class RecipeSettings(Protocol):
         """Both levels together."""
 
 
-@dataclass(frozen=True)
-class Stage:
-    """One stage of a recipe."""
-
-    name: str
-    """In metrics, checkpoints and progress."""
-    learns: tuple[str, ...]
-    """The levels that learn, in the order in which they choose."""
-    controller: str
-    """The controller that drives while they learn."""
-
-
-STEP_1 = Stage("step-1", learns=("high_level",), controller="planned")
-STEP_2 = Stage("step-2", learns=("low_level",), controller="hierarchical")
-
-RECIPES = {
-    "hierarchical": (STEP_1, STEP_2),
-    "planned": (STEP_1,),
-    "single-level": (Stage("single-level", learns=("single_level",), controller="single-level"),),
-    "h-dqn": (Stage("h-dqn", learns=("high_level", "low_level"), controller="h-dqn"),),
-}
-"""The stages of each trainable controller, in order; a later one finds the earlier ones' levels
-frozen."""
+RECIPES = {name: spec.stages for name, spec in CONTROLLERS.items() if spec.stages}
+"""The stages of each controller that is trained, in order."""
 
 HELD = "critic"
 """When goals are renewed: only once the critic has ended them."""
@@ -101,32 +81,21 @@ def controller(
     settings: RecipeSettings, name: str, renewal: str, parts: Parts = OURS
 ) -> Controller:
     """The controller of a name, with goals renewed as ``renewal`` says."""
-    driving, goals = settings.driving, settings.goals
-    observed = parts.try_out(settings.scenario, driving)
-    match name:
-        case "planned":
-            return Planned(driving, goals, settings.planner, renewal, observed=observed)
-        case "hierarchical" | "h-dqn":
-            return Hierarchical(driving, goals, renewal, name, observed)
-        case "single-level":
-            return SingleLevel(settings.single_level.hold, observed=observed)
-        case "rule-based":
-            return RuleBased()
-        case "search":
-            return Search(driving, settings.search, test_duration(settings))
-    raise ValueError(f"no controller is called {name}")
+    observed = parts.try_out(settings.scenario, settings.driving)
+    made: Controller = registry.make(name, settings, renewal, observed)
+    return made
 
 
 def budget(settings: RecipeSettings, stage: Stage) -> BudgetSettings:
     """How long a stage drives."""
-    alone: StageSettings = getattr(settings, stage.learns[0])
-    return settings.h_dqn if stage.name == "h-dqn" else alone
+    found: BudgetSettings = attrgetter(stage.section)(settings)
+    return found
 
 
 def learning(settings: RecipeSettings, stage: Stage) -> tuple[tuple[str, LevelSettings], ...]:
     """The levels of a stage that learn, and how."""
-    owner = settings.h_dqn if stage.name == "h-dqn" else settings
-    return tuple((name, getattr(owner, name)) for name in stage.learns)
+    sections = zip(stage.learns, stage.level_sections, strict=True)
+    return tuple((name, attrgetter(section)(settings)) for name, section in sections)
 
 
 def course(settings: RecipeSettings, stage: Stage, parts: Parts = OURS) -> Course:
@@ -134,7 +103,8 @@ def course(settings: RecipeSettings, stage: Stage, parts: Parts = OURS) -> Cours
 
     `GoalSettings.training_renewal` speaks of step 2; elsewhere goals are held by the critic.
     """
-    renewal = settings.goals.training_renewal if stage == STEP_2 else HELD
+    spec = CONTROLLERS[stage.controller]
+    renewal = settings.goals.training_renewal if spec.renewal_configurable else HELD
     return Course(
         scenario=settings.scenario,
         driving=settings.driving,
@@ -158,16 +128,17 @@ def test_course(
     `GoalSettings.test_renewal` speaks of the hierarchical controller; the others keep their goals
     as long as in their training.
     """
-    renewal = renewal or (settings.goals.test_renewal if name == "hierarchical" else HELD)
+    spec = CONTROLLERS[name]
+    renewal = renewal or (settings.goals.test_renewal if spec.renewal_configurable else HELD)
     scenario = settings.scenario
-    if name == "rule-based":
+    if spec.driven_by_traffic_rules:
         scenario = replace(scenario, ego_driver="rule-based")
     return TestCourse(
         scenario=scenario,
         driving=settings.driving,
         controller=controller(settings, name, renewal, parts),
         duration=test_duration(settings),
-        at_once=1 if name == "search" else BLOCK,
+        at_once=1 if spec.drives_one_at_a_time else BLOCK,
         parts=parts,
     )
 

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Annotated
 
+from lanewise.fields.ranges import Between, OneOf
 from lanewise.learning.settings import ExplorationSettings, LearnerSettings
-from lanewise.ranges import Between, OneOf
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class BudgetSettings:
 
 @dataclass(frozen=True)
 class LevelSettings:
-    """How one level learns: what it is paid, how it explores, how its learner learns."""
+    """How one level learns: its rewards, its exploration and its learner."""
 
     updates_per_step: Annotated[float, Between(0.001, 16.0)] = 0.125
     """Learner updates per environment step (decision), over all worlds together (row 17)."""
@@ -39,14 +39,14 @@ class LevelSettings:
     time_out: Annotated[str, OneOf(("truncation", "terminal"))] = "truncation"
     """Row 18: bootstrap through a time-out, or treat it as terminal."""
     external_weight: Annotated[float, Between(0.0, 1000.0)] = 1.0
-    """Weight of the external reward, accidents included; 0 for a level that is paid by its goals
-    alone."""
+    """Weight of the external reward, accidents included; 0 for a level whose rewards come from its
+    goals alone."""
     tracking_weight: Annotated[float, Between(0.0, 1000.0)] = 0.0
     """Row 21: weight w of the goal-tracking term -w (|dd|/4 m + |dv|/2 m/s), meant for the low
     level; 0 is the paper's external reward only."""
     approach_weight: Annotated[float, Between(0.0, 1000.0)] = 0.0
     """Weight of the approach to the goal: its distance, as in the tracking term, before a decision
-    minus after it. A goal that is far costs nothing, so it does not pay to avoid such goals."""
+    minus after it. A distant goal costs nothing, so avoiding such goals brings no reward."""
     goal_reward: Annotated[float, Between(0.0, 1000.0)] = 0.0
     """Reward for the decision that reaches the goal (h-DQN), meant for the low level."""
     goal_end: Annotated[str, OneOf(("bootstrap", "terminal"))] = "bootstrap"
@@ -75,6 +75,6 @@ class HDQNSettings(BudgetSettings):
     """h-DQN (Kulkarni et al. 2016): both levels learn together, each with its own epsilon."""
 
     high_level: LevelSettings = field(default_factory=LevelSettings)
-    """The high level, paid by the external reward."""
+    """The high level, which learns from the external reward."""
     low_level: LevelSettings = field(default_factory=LevelSettings)
-    """The low level, paid for reaching its goals."""
+    """The low level, which is rewarded for reaching its goals."""

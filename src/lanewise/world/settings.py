@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import pi
 from typing import Annotated
 
-from lanewise.ranges import Between
+from lanewise.fields.ranges import Between
 
 CAR_LENGTH, CAR_WIDTH = 5.0, 2.0
 """Size of every car, m; highway-env's and the paper's."""

@@ -6,12 +6,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lanewise.commands.arguments import Parsed
-from lanewise.commands.evaluate import WITH_GOALS
+from lanewise.cli.command_line import Parsed
+from lanewise.cli.evaluate_command import check_renewal
+from lanewise.controllers.registry import CONTROLLERS
 from lanewise.controllers.settings import RENEWALS
 from lanewise.errors import RunError
 from lanewise.export import formats
-from lanewise.ranges import SEEDS, Between, OneOf
+from lanewise.fields.ranges import SEEDS, Between, OneOf
 from lanewise.runs import pretrained
 from lanewise.runs.run_folder import RunFolder
 from lanewise.system.progress import Progress, tell
@@ -20,16 +21,13 @@ if TYPE_CHECKING:
     from lanewise.export.check import Agreement
     from lanewise.runs.trained import Trained
 
-WITHOUT_POLICY = {
-    "rule-based": "it is the traffic's own rules, which the world carries out, and not a policy",
-    "search": "it plans with the world itself and the future of everyone in it",
-}
-"""Reference drivers, and why they cannot be exported."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Export:
-    """Write a controller as an ONNX model or for NumPy alone, memory and planner included."""
+    """Write a controller as an ONNX model or for NumPy alone.
+
+    The file includes the controller's memory and planner.
+    """
 
     run: Path = field(metadata={"positional": True})
     """Run folder of a trained controller, or pretrained/NAME."""
@@ -38,10 +36,11 @@ class Export:
     renewal: Annotated[str, OneOf(RENEWALS)] | None = None
     """When the goal is renewed, instead of what the run's settings say."""
     check: Annotated[int, Between(0, 10_000_000)] = 0
-    """Compare at least so many decisions with the controller, which drives from training starts."""
+    """Compare at least this many decisions with the controller's, which drives from training
+    starts."""
     seed: Annotated[int, SEEDS] = 0
     """Seed of these starts."""
-    json: bool = field(default=False, metadata={"switch": True})
+    json: bool = False
     """Print one JSON object instead of a line."""
 
 
@@ -74,10 +73,9 @@ def _refuse(command: Export) -> None:
         LanewiseError: the controller or the file is not one to export, or a package is missing.
     """
     name = pretrained.controller_name(command.run)
-    if name in WITHOUT_POLICY:
-        raise RunError(f"{command.run} cannot be exported: {WITHOUT_POLICY[name]}")
-    if command.renewal is not None and name not in WITH_GOALS:
-        raise RunError(f"--renewal: {command.run} is {name} and has no goals")
+    if reason := CONTROLLERS[name].not_exportable:
+        raise RunError(f"{command.run} cannot be exported: {reason}")
+    check_renewal(command.renewal, command.run, name)
     formats.check(command.out, reading=command.check > 0)
 
 

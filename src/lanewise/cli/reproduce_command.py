@@ -8,14 +8,15 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
-from lanewise import config, crosschecks, extras
-from lanewise.commands.arguments import Parsed
+from lanewise import config, extras
+from lanewise.cli.command_line import Parsed
+from lanewise.config import validation
+from lanewise.config.settings import TRAPS, Settings
 from lanewise.errors import LanewiseError, RunError, SettingsError, one_line, shell_line
 from lanewise.experiments import experiment as experiments
 from lanewise.experiments import experiment_folder
 from lanewise.experiments.experiment import BUILT_IN, Experiment
-from lanewise.ranges import EPISODES, SEEDS, Between, OneOf
-from lanewise.settings import TRAPS, Settings
+from lanewise.fields.ranges import EPISODES, SEEDS, Between, OneOf
 from lanewise.system import folder_io, process
 from lanewise.system.progress import tell
 
@@ -51,7 +52,7 @@ class Reproduce:
     """Scenario preset."""
     settings: Path | None = None
     """TOML file with any of the settings below; like them, it wins over those of the arms."""
-    values: Settings = field(default_factory=Settings, metadata={"inline": True})
+    values: Settings = field(default_factory=Settings)
     """Every setting."""
 
 
@@ -65,7 +66,7 @@ def run(parsed: Parsed[Reproduce]) -> int:
     for arm in whole.arms:
         settings = whole.settings(arm, command.trap, overrides)
         if arm.trained:
-            crosschecks.check_memory(settings, arm.controller, process.total_memory())
+            validation.check_memory(settings, arm.controller, process.total_memory())
     extras.check()
     wanted = any(chosen.count(arm, "highway_env_episodes") for arm in chosen.arms)
     if wanted and find_spec("highway_env") is None:
@@ -105,6 +106,11 @@ def run(parsed: Parsed[Reproduce]) -> int:
         )
     sys.stdout.write(f"{text}\nreport: {one_line(path)}\n")
     return 0
+
+
+def how_to_continue(command: Reproduce) -> str:
+    """Says how an interrupted run of this command is continued."""
+    return "the same command continues it"
 
 
 def _refuse(parsed: Parsed[Reproduce]) -> None:

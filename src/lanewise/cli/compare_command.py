@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from lanewise import config
-from lanewise.commands.arguments import Parsed
-from lanewise.commands.evaluate import WORLDS
+from lanewise.cli.command_line import Parsed
+from lanewise.config.settings import Settings
 from lanewise.errors import RunError, shell_line
+from lanewise.evaluation.settings import WORLDS
 from lanewise.experiments.published import belongs_to_test
-from lanewise.ranges import EPISODES, SEEDS, OneOf, show
+from lanewise.fields.ranges import EPISODES, SEEDS, OneOf, show
 from lanewise.runs import pretrained
 from lanewise.runs.run_folder import RunFolder
-from lanewise.settings import Settings
 from lanewise.system.progress import Progress
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class Compare:
     """Seed of the starts."""
     scenario_of: Path | None = None
     """Drive all in the scenario of this run; needed where their own differ."""
-    json: bool = field(default=False, metadata={"switch": True})
+    json: bool = False
     """Print one JSON object instead of tables."""
     markdown: Path | None = None
     """Also write the tables to this Markdown file."""

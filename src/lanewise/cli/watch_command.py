@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Annotated
 
 from lanewise import extras
-from lanewise.commands.arguments import Parsed
-from lanewise.commands.evaluate import WORLDS
+from lanewise.cli.command_line import Parsed
 from lanewise.errors import SettingsError
-from lanewise.ranges import SEEDS, Between, OneOf
+from lanewise.evaluation.settings import WORLDS
+from lanewise.fields.ranges import SEEDS, Between, OneOf
 from lanewise.runs import pretrained
 from lanewise.system.progress import tell
 

@@ -2,16 +2,16 @@
 
 import json
 import sys
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 
-from lanewise.commands.arguments import Parsed
+from lanewise.cli.command_line import Parsed
 
 
 @dataclass(frozen=True, kw_only=True)
 class Doctor:
-    """Tell what is installed, what is missing for which feature, and what to do about it."""
+    """Show what is installed, what is missing for which feature, and what to do."""
 
-    json: bool = field(default=False, metadata={"switch": True})
+    json: bool = False
     """Print one JSON object instead of lines."""
 
 

@@ -66,8 +66,8 @@ class Settings:
     """h-DQN: both levels together, with the budget of both steps."""
 
 
-STAGES = ("single_level", "high_level", "low_level")
-
+ONE_LEVEL_STAGES = ("single_level", "high_level", "low_level")
+"""Stages in which one level learns."""
 _PAPER_BUDGET: dict[str, object] = {"decisions": 0, "duration": 250, "worlds": 1}
 _PAPER_LEVEL: dict[str, object] = {
     "updates_per_step": 1.0,
@@ -112,14 +112,14 @@ _WIDE_LEVEL: dict[str, object] = {
 
 PRESETS: dict[str, dict[str, object]] = {
     "quick": {},
-    "paper": _under((*STAGES, "h_dqn"), _PAPER_BUDGET)
-    | _under((*STAGES, "h_dqn.high_level", "h_dqn.low_level"), _PAPER_LEVEL)
+    "paper": _under((*ONE_LEVEL_STAGES, "h_dqn"), _PAPER_BUDGET)
+    | _under((*ONE_LEVEL_STAGES, "h_dqn.high_level", "h_dqn.low_level"), _PAPER_LEVEL)
     | _PAPER_METHOD
     | _under(("single_level", "low_level", "h_dqn"), {"episodes": 2000, "keep": "last"})
     | _under(("high_level",), {"episodes": 1000, "keep": "best-training"}),
     "ranges": _RANGES
-    | _under((*STAGES, "h_dqn"), _WIDE_BUDGET)
-    | _under((*STAGES, "h_dqn.high_level", "h_dqn.low_level"), _WIDE_LEVEL)
+    | _under((*ONE_LEVEL_STAGES, "h_dqn"), _WIDE_BUDGET)
+    | _under((*ONE_LEVEL_STAGES, "h_dqn.high_level", "h_dqn.low_level"), _WIDE_LEVEL)
     | {
         "high_level.decisions": 640_000,
         "high_level.duration": 120,

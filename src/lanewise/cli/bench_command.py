@@ -7,9 +7,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from lanewise.commands.arguments import Parsed
+from lanewise.cli.command_line import Parsed
 from lanewise.errors import LanewiseError, RunError, shell_line
-from lanewise.ranges import Between, OneOf
+from lanewise.fields.ranges import Between, OneOf
 from lanewise.system import process
 from lanewise.system.progress import Progress
 
@@ -25,10 +25,11 @@ PARTS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Bench:
-    """Measure speed on this machine: ours and, beside it, the peers that are installed.
+    """Measure speed on this machine.
 
-    Peers are highway-env, EnvPool, PyTorch and Stable-Baselines3; benchmarks/README.md tells how to
-    install them. Let the machine do nothing else meanwhile.
+    Peers are measured too if they are installed: highway-env, EnvPool, PyTorch and
+    Stable-Baselines3; benchmarks/README.md says how to install them. Let the machine do nothing
+    else meanwhile.
     """
 
     parts: Annotated[tuple[str, ...], OneOf(PARTS)] = field(
@@ -43,7 +44,7 @@ class Bench:
     """Trainings whose time to the paper's level is taken."""
     python: tuple[Path, ...] = ()
     """Interpreters of other environments in which peers are installed."""
-    json: bool = field(default=False, metadata={"switch": True})
+    json: bool = False
     """Print one JSON object instead of tables."""
     out: Path | None = None
     """Also write the JSON object to this file, which must not exist."""

@@ -4,17 +4,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from lanewise.commands.arguments import Parsed
+from lanewise.cli.command_line import Parsed
+from lanewise.config.settings import PRESETS, TRAPS, Settings
+from lanewise.controllers.registry import TRAINABLE, WITH_STEP_1
 from lanewise.errors import RunError, shell_line
-from lanewise.ranges import SEEDS, OneOf
+from lanewise.fields.ranges import SEEDS, OneOf
 from lanewise.runs.run_folder import (
-    CONTROLLERS,
-    WITH_STEP_1,
     RunFolder,
     open_high_level,
     stages_of,
 )
-from lanewise.settings import PRESETS, TRAPS, Settings
 from lanewise.system.progress import Progress, tell
 
 
@@ -27,7 +26,7 @@ class Train:
     docs/paper.md.
     """
 
-    controller: Annotated[str, OneOf(CONTROLLERS)] = field(metadata={"positional": True})
+    controller: Annotated[str, OneOf(TRAINABLE)] = field(metadata={"positional": True})
     """Which controller to train: hierarchical, a high level that sets goals (step 1) and a low
     level that learns to reach them (step 2), as in the paper; single-level, the flat baseline on
     the same nine actions; planned, step 1 alone, whose goals a planner carries out; h-dqn, both
@@ -36,13 +35,13 @@ class Train:
     """Run folder: new or empty, or a stopped run together with --resume."""
     seed: Annotated[int, SEEDS] = 0
     """Seed of everything random."""
-    resume: bool = field(default=False, metadata={"switch": True})
+    resume: bool = False
     """Continue the run in the folder, with its own settings, to the same bits as if it had never
     stopped."""
     high_level: Path | None = None
     """A run whose finished step 1 is taken over: a hierarchical controller then trains step 2
     alone."""
-    tensorboard: bool = field(default=False, metadata={"switch": True})
+    tensorboard: bool = False
     """Also write TensorBoard's events, into the folder tensorboard of the run; a run that has some
     goes on with them."""
     preset: Annotated[str, OneOf(tuple(PRESETS))] = "quick"
@@ -51,7 +50,7 @@ class Train:
     """Scenario preset."""
     settings: Path | None = None
     """TOML file with any of the settings below, e.g. trap_speed = 9.5 under [scenario]."""
-    values: Settings = field(default_factory=Settings, metadata={"inline": True})
+    values: Settings = field(default_factory=Settings)
     """Every setting."""
 
 
@@ -89,12 +88,12 @@ def run(parsed: Parsed[Train]) -> int:
     return 0
 
 
-def resuming(command: Train) -> list[str]:
-    """The words of the command line that continue this training."""
+def how_to_continue(command: Train) -> str:
+    """Says how an interrupted training is continued."""
     words = ["train", command.controller, "--out", str(command.out)]
     if command.high_level is not None and not stages_of(command.out).exists():
         words += ["--high-level", str(command.high_level)]  # not taken over yet
-    return [*words, "--resume"]
+    return f"continue with:\n  {shell_line('lanewise', *words, '--resume')}"
 
 
 def _folder(parsed: Parsed[Train]) -> RunFolder:

@@ -6,15 +6,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from lanewise.commands.arguments import Parsed
+from lanewise.cli.command_line import Parsed
+from lanewise.controllers.registry import CONTROLLERS
 from lanewise.controllers.settings import RENEWALS
 from lanewise.errors import RunError
-from lanewise.ranges import EPISODES, SEEDS, OneOf
+from lanewise.evaluation.settings import WORLDS
+from lanewise.fields.ranges import EPISODES, SEEDS, OneOf
 from lanewise.runs import pretrained
 from lanewise.system.progress import Progress
-
-WORLDS = ("lanewise", "highway-env")
-WITH_GOALS = ("hierarchical", "planned", "h-dqn")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,18 +30,27 @@ class Evaluate:
     """Seed of the starts: start i of a seed is the same in every world."""
     renewal: Annotated[str, OneOf(RENEWALS)] | None = None
     """When the goal is renewed, instead of what the run's settings say."""
-    json: bool = field(default=False, metadata={"switch": True})
+    json: bool = False
     """Print one JSON object instead of a table."""
     episodes_out: Path | None = None
     """Also write one line per episode to this CSV file."""
+
+
+def check_renewal(renewal: str | None, run: Path, controller: str) -> None:
+    """Refuses ``--renewal`` for a controller without goals.
+
+    Raises:
+        RunError: says so.
+    """
+    if renewal is not None and not CONTROLLERS[controller].has_goals:
+        raise RunError(f"--renewal: {run} is {controller} and has no goals")
 
 
 def run(parsed: Parsed[Evaluate]) -> int:
     """Tests; returns the exit code."""
     command = parsed.command
     name = pretrained.controller_name(command.run)
-    if command.renewal is not None and name not in WITH_GOALS:
-        raise RunError(f"--renewal: {command.run} is {name} and has no goals")
+    check_renewal(command.renewal, command.run, name)
     from lanewise.report import files
 
     if command.episodes_out is not None:

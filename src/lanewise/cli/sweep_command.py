@@ -8,17 +8,17 @@ from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 from lanewise import config, extras
-from lanewise.commands import journal as journals
-from lanewise.commands.arguments import Parsed
-from lanewise.commands.journal import Journal
+from lanewise.cli import journal as journals
+from lanewise.cli.command_line import Parsed
+from lanewise.cli.journal import Journal
+from lanewise.config.settings import Settings
 from lanewise.errors import RunError, SettingsError, one_line, shell_line
 from lanewise.evaluation import grid as grids
 from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
-from lanewise.ranges import SEEDS, Between
+from lanewise.fields.ranges import SEEDS, Between
 from lanewise.runs import pretrained
 from lanewise.runs.run_folder import RunFolder
 from lanewise.scenario.settings import EgoSpeed, FrontDistance, Lanes, SideDistance, TrapSpeed
-from lanewise.settings import Settings
 from lanewise.system.folder_io import publish
 from lanewise.system.progress import Progress
 
@@ -28,7 +28,7 @@ JOURNAL = "progress.jsonl"
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep:
-    """Test a trained controller over a grid of starts, and draw where it gets out and where not.
+    """Test a trained controller over a grid of starts and draw a map of the results.
 
     Each axis takes one or more values; every combination is a start. The same command continues
     what was interrupted.
@@ -81,6 +81,11 @@ def run(parsed: Parsed[Sweep]) -> int:
             _work(command, grid, controller, journal, reporter)
         _report(command, grid, folder, journal)
     return 0
+
+
+def how_to_continue(command: Sweep) -> str:
+    """Says how an interrupted run of this command is continued."""
+    return "the same command continues it"
 
 
 def _check(grid: Grid, settings: Settings) -> None:

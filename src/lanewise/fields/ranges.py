@@ -1,47 +1,39 @@
-"""Ranges of settings, written beside the field they bound and checked in one place."""
+"""Types and ranges of settings, written beside the field they bound and checked in one place."""
 
 import math
 import os
+import types
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, Union, get_args, get_origin
 
 from lanewise.errors import SettingsError, brief
 
-_DIGITS = 4000
-"""Digits of a whole number that are read; Python refuses 4300."""
+_MOST_DIGITS = 4000
+"""Python refuses to read a whole number of 4300 digits."""
 
 
 @dataclass(frozen=True)
 class Between:
     """The closed interval a number must lie in, with its unit.
 
-    Used as ``Annotated[float, Between(0.0, 60.0, "m/s")]``; for a tuple it holds for every member.
-    Not-a-number never lies in an interval; infinities only where a bound is infinite is
-    deliberately not offered: every setting is finite.
+    Used as ``Annotated[float, Between(0.0, 60.0, "m/s")]``; in a tuple it holds for every member.
+    Every setting that is a number has one, so no setting is infinite or not-a-number.
     """
 
-    low: float = -math.inf
-    high: float = math.inf
+    low: float
+    high: float
     unit: str = ""
 
     def holds(self, value: float) -> bool:
-        """Whether ``value`` is finite and inside the interval."""
-        try:
-            return self.low <= value <= self.high and math.isfinite(value)
-        except OverflowError:  # A whole number too large for a float.
-            return False
+        """Whether ``value`` is inside the interval."""
+        return self.low <= value <= self.high
 
     def __str__(self) -> str:
-        unit = f" {self.unit}" if self.unit else ""
-        if math.isinf(self.low) and math.isinf(self.high):
-            return f"a finite number{unit}"
-        if math.isinf(self.high):
-            return f"at least {_plain(self.low)}{unit}"
-        if math.isinf(self.low):
-            return f"at most {_plain(self.high)}{unit}"
-        return f"between {_plain(self.low)} and {_plain(self.high)}{unit}"
+        # The shortest text of a number, without a trailing ``.0``.
+        low, high = (repr(bound).removesuffix(".0") for bound in (self.low, self.high))
+        return f"between {low} and {high} {self.unit}".rstrip()
 
 
 SEEDS = Between(0, 2**31 - 1)
@@ -76,8 +68,8 @@ class OrNone:
 
 
 @dataclass(frozen=True)
-class Kind:
-    """What a setting may hold: its type, how many values, and the range of each.
+class FieldType:
+    """What a field may hold: the type, how many values, and the range of each.
 
     ``length`` is None for a single value, 0 for a list of any length, otherwise the exact length;
     ``optional`` allows an empty list besides.
@@ -89,8 +81,10 @@ class Kind:
     optional: bool = False
 
     @classmethod
-    def of(cls, annotation: Any) -> "Kind":
-        """Reads the kind off a field's annotation."""
+    def of(cls, annotation: Any) -> "FieldType":
+        """Reads it off a field's annotation; ``| None`` marks an option that may be left out."""
+        if get_origin(annotation) in (Union, types.UnionType):
+            annotation = next(m for m in get_args(annotation) if m is not types.NoneType)
         metadata: list[Any] = []
         if get_origin(annotation) is Annotated:
             annotation, *metadata = get_args(annotation)
@@ -104,7 +98,7 @@ class Kind:
         return cls(members[0], 0 if members[-1] is Ellipsis else len(members), bound)
 
     def check(self, name: str, value: object) -> Any:
-        """Returns ``value`` in the setting's own type.
+        """Returns ``value`` in the field's own type.
 
         Whole numbers pass as floats and text as a path; nothing else is converted.
 
@@ -113,16 +107,15 @@ class Kind:
         """
         if self.length is None:
             return self._check_one(name, value)
-        if isinstance(value, str) or not isinstance(value, Sequence):
-            raise SettingsError(f"{name}: expected {self}, got {show(value)}")
-        if not value and self.optional:
+        is_list = isinstance(value, Sequence) and not isinstance(value, str)
+        if is_list and not value and self.optional:
             return ()
-        if not value or self.length not in (0, len(value)):
+        if not is_list or not value or self.length not in (0, len(value)):  # type: ignore[arg-type]
             raise SettingsError(f"{name}: expected {self}, got {show(value)}")
-        return tuple(self._check_one(name, member) for member in value)
+        return tuple(self._check_one(name, member) for member in value)  # type: ignore[attr-defined]
 
     def parse(self, name: str, words: Sequence[str]) -> Any:
-        """Reads the setting from the words of a command line and checks it.
+        """Reads a value from the words of a command line and checks it.
 
         Raises:
             SettingsError: The words do not spell a value, or it lies outside the range.
@@ -133,35 +126,30 @@ class Kind:
         return self.check(name, values if self.length is not None else values[0])
 
     def _parse_one(self, name: str, word: str) -> object:
+        if self.type is Path and not word:
+            raise SettingsError(f"{name}: expected a path, got nothing")
         try:
             if self.type is bool:
                 return {"true": True, "false": False}[word.lower()]
-            if self.type is int and len(word) > _DIGITS and word.lstrip("+-").isdecimal():
-                # Python reads no more; its size is what is wrong, so keep it absurd.
-                word = word[:_DIGITS]
+            if self.type is int and word.lstrip("+-").isdecimal():
+                # So many digits are out of every range, however many are left out.
+                word = word[:_MOST_DIGITS]
             return self.type(word)
         except (KeyError, ValueError):
             raise SettingsError(f'{name}: expected {self._noun}, got "{brief(word)}"') from None
 
     def _check_one(self, name: str, value: Any) -> Any:
-        # bool is an int in Python, and 1 is a float's equal: neither may slip through.
         if self.type is float and type(value) is int:
-            # A huge integer has no float; it is out of every range, so say that instead.
             value = float(value) if abs(value) < 1 << 1000 else math.inf
         if self.type is Path and _names_a_file(value):
             return Path(value)
-        if not self._is_own_type(value):
-            raise SettingsError(f"{name}: expected {self._noun}, got {show(value)}")
-        if self.type is float and not math.isfinite(value):
-            bound = self.bound if self.bound is not None else Between()
-            raise SettingsError(f"{name} must be {bound}, got {show(value)}")
-        if self.bound is not None and not self.bound.holds(value):
-            raise SettingsError(f"{name} must be {self.bound}, got {show(value)}")
-        return value
-
-    def _is_own_type(self, value: object) -> bool:
         # `isinstance` would take True for the whole number 1.
-        return type(value) is self.type
+        if type(value) is not self.type:
+            raise SettingsError(f"{name}: expected {self._noun}, got {show(value)}")
+        bound: Any = self.bound
+        if bound is not None and not bound.holds(value):
+            raise SettingsError(f"{name} must be {bound}, got {show(value)}")
+        return value
 
     @property
     def _noun(self) -> str:
@@ -193,14 +181,8 @@ def show(value: object) -> str:
 
 
 def _names_a_file(value: object) -> bool:
-    """Whether a path can be made of a value that a system would take for one."""
+    """Whether the system can have a file of this name."""
     try:
         return value != "" and b"\0" not in os.fsencode(Path(value))  # type: ignore[arg-type]
     except (TypeError, UnicodeEncodeError):
         return False
-
-
-def _plain(number: float) -> str:
-    """The shortest text that reads back as this number, without a trailing ``.0``."""
-    text = repr(number)
-    return text.removesuffix(".0")

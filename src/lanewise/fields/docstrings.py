@@ -3,7 +3,7 @@
 import ast
 import dataclasses
 import inspect
-import textwrap
+import sys
 from functools import cache
 from itertools import pairwise
 
@@ -13,11 +13,16 @@ def of_fields(owner: type) -> dict[str, str]:
     """The docstring of each field by its name, on one line; fields of base classes first."""
     docs: dict[str, str] = {}
     for part in filter(dataclasses.is_dataclass, reversed(owner.__mro__)):
-        (definition,) = ast.parse(textwrap.dedent(inspect.getsource(part))).body
-        body = definition.body if isinstance(definition, ast.ClassDef) else []
-        for field, doc in pairwise(body):
+        for field, doc in pairwise(_classes(part.__module__)[part.__name__].body):
             if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
                 match doc:
                     case ast.Expr(value=ast.Constant(value=str(text))):
                         docs[field.target.id] = " ".join(text.split())
     return docs
+
+
+@cache
+def _classes(module: str) -> dict[str, ast.ClassDef]:
+    """The classes at the top of a module's source, by name."""
+    tree = ast.parse(inspect.getsource(sys.modules[module]))
+    return {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}

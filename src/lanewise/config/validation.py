@@ -1,14 +1,16 @@
-"""Checks settings against one another; each by itself is checked by its range. Imports no JAX."""
+"""Checks settings against one another; their ranges check each by itself. Imports no JAX."""
 
 from dataclasses import replace
 from itertools import pairwise
+from operator import attrgetter
 
+from lanewise.config.settings import Settings
+from lanewise.controllers.registry import CONTROLLERS, STAGES
 from lanewise.errors import SettingsError
+from lanewise.fields.ranges import show
 from lanewise.learning.settings import LearnerSettings
-from lanewise.ranges import Between, Kind, show
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
-from lanewise.settings import STAGES, Settings
-from lanewise.training.settings import BudgetSettings, LevelSettings
+from lanewise.training.settings import LevelSettings
 from lanewise.world.settings import CAR_LENGTH, FARTHEST, TOP_SPEED
 
 MOST_LAYERS = 16
@@ -21,42 +23,37 @@ _TRAINING_RANGES = (
     "training_side_distance",
 )
 
-TRAINED = {
-    "hierarchical": ("high_level", "low_level"),
-    "planned": ("high_level",),
-    "single-level": ("single_level",),
-    "h-dqn": ("h_dqn",),
-}
-"""Sections of the stages that each controller is trained in."""
 _TOO_COARSE = "farther on, 32-bit places are coarser than 1 cm"
-_PAY = ("external_weight", "tracking_weight", "approach_weight", "goal_reward")
+_REWARDS = ("external_weight", "tracking_weight", "approach_weight", "goal_reward")
 FEATURES = 26
 """Numbers that the paper's controllers observe."""
 _GIB = 1 << 30
 
 
 def check(settings: Settings) -> None:
-    """Checks what no range can.
+    """Checks the settings against one another.
 
     Raises:
         SettingsError: Names two settings that contradict one another.
     """
-    _check_scenario(settings)
+    _check_scenario(settings.scenario)
     _check_driving(settings)
     _check_reach(settings)
     for stage in STAGES:
-        part = getattr(settings, stage)
-        _check_budget(stage, part)
-        _check_level(stage, part, part)
-    _check_budget("h_dqn", settings.h_dqn)
-    for level in ("high_level", "low_level"):
-        _check_level(f"h_dqn.{level}", settings.h_dqn, getattr(settings.h_dqn, level))
+        budget = attrgetter(stage.section)(settings)
+        if budget.episodes == 0 and budget.decisions == 0:
+            raise SettingsError(
+                f"{stage.section}.episodes and {stage.section}.decisions are both 0: training "
+                "would never end"
+            )
+        for section in stage.level_sections:
+            _check_level(settings, stage.section, section)
 
 
 def check_high_level(lender: Settings, borrower: Settings) -> None:
     """Checks that a high level trained under some settings can be taken over under others.
 
-    When step 2 and tests renew goals is nothing to a high level.
+    The settings of goal renewal in step 2 and in tests do not affect a high level.
 
     Raises:
         SettingsError: Says what differs.
@@ -77,23 +74,24 @@ def check_high_level(lender: Settings, borrower: Settings) -> None:
 def check_memory(
     settings: Settings, controller: str, available: int | None, observed: int = FEATURES
 ) -> None:
-    """Refuses a training that no checkpoint of could be held in memory.
+    """Refuses a training whose checkpoints do not fit into memory.
 
-    A lower bound: networks, their targets, both moments of Adam, the weights kept so far, and the
-    replays; all of them are gathered in the machine's own memory for every checkpoint.
+    The estimate is a lower bound: networks, their targets, both moments of Adam, the weights kept
+    so far, and the replays; all of them are gathered in host memory for every checkpoint.
 
     Args:
         settings: of the training.
         controller: what is trained.
-        available: bytes; None where they are not known, and nothing is refused.
+        available: bytes; None if unknown, and nothing is refused.
         observed: numbers in an observation.
 
     Raises:
-        SettingsError: names the learner that needs the most, what it needs and what there is.
+        SettingsError: names the largest learner, what the stage needs and what there is.
     """
-    for stage in TRAINED[controller]:
+    for stage in CONTROLLERS[controller].stages:
         needs = {
-            name: _least_bytes(learner, observed) for name, learner in _learners(settings, stage)
+            f"{section}.learner": _least_bytes(attrgetter(section)(settings).learner, observed)
+            for section in stage.level_sections
         }
         if available is not None and sum(needs.values()) > available:
             largest = max(needs, key=lambda name: needs[name])
@@ -102,14 +100,6 @@ def check_memory(
                 f"{sum(needs.values()) / _GIB:.1f} GiB of memory, the machine has "
                 f"{available / _GIB:.1f} GiB; {observed:,} numbers are observed"
             )
-
-
-def _learners(settings: Settings, stage: str) -> list[tuple[str, LearnerSettings]]:
-    """The learners of a stage by their section."""
-    if stage != "h_dqn":
-        return [(f"{stage}.learner", getattr(settings, stage).learner)]
-    levels = ("high_level", "low_level")
-    return [(f"h_dqn.{name}.learner", getattr(settings.h_dqn, name).learner) for name in levels]
 
 
 def _least_bytes(learner: LearnerSettings, observed: int) -> int:
@@ -127,9 +117,10 @@ def _check_reach(settings: Settings) -> None:
             f"beyond the end of the road ({FARTHEST:,.0f} m): {_TOO_COARSE}"
         )
     check_duration("evaluation.duration", settings.evaluation.duration, settings.scenario)
-    for stage in (*STAGES, "h_dqn"):
-        seconds = getattr(settings, stage).duration * settings.driving.decision_duration
-        check_duration(f"{stage}.duration", seconds, settings.scenario)
+    for stage in STAGES:
+        duration = attrgetter(stage.section)(settings).duration
+        seconds = duration * settings.driving.decision_duration
+        check_duration(f"{stage.section}.duration", seconds, settings.scenario)
 
 
 def check_duration(name: str, seconds: float, trap: TrapSettings) -> None:
@@ -166,8 +157,7 @@ def _extent(trap: TrapSettings) -> float:
     return max(ahead, row(traffic.gap_behind, traffic.vehicles_behind), -min(sides))
 
 
-def _check_scenario(settings: Settings) -> None:
-    trap, traffic = settings.scenario, settings.scenario.traffic
+def _check_scenario(trap: TrapSettings) -> None:
     for name in _TRAINING_RANGES:
         between = getattr(trap, name)
         if between and between[0] > between[1]:
@@ -176,8 +166,8 @@ def _check_scenario(settings: Settings) -> None:
             )
     _apart("scenario.training_front_distance", trap.training_front_distance[0])
     _apart("scenario.test_front_distance", trap.test_front_distance)
-    _check_traffic(traffic)
-    if traffic.vehicles_behind:
+    _check_traffic(trap.traffic)
+    if trap.traffic.vehicles_behind:
         _check_not_behind(trap)
 
 
@@ -221,94 +211,64 @@ def _apart(name: str, distance: float) -> None:
 
 
 def _check_driving(settings: Settings) -> None:
-    driving, goals = settings.driving, settings.goals
-    _at_most(
-        ("driving.decision_frequency", driving.decision_frequency),
-        ("driving.simulation_frequency", driving.simulation_frequency),
-    )
-    _at_most(
-        ("goals.lowest_speed", goals.lowest_speed), ("goals.highest_speed", goals.highest_speed)
-    )
-    _less(
-        ("goals.lateral_tolerance", goals.lateral_tolerance),
-        ("scenario.lane_width", settings.scenario.lane_width),
-        "or goals in the next lane are reached in this one",
-    )
-    _less(
-        ("goals.speed_tolerance", goals.speed_tolerance),
-        ("goals.speed_step", goals.speed_step),
-        "or a new speed is reached before it is driven",
-    )
-    reward = driving.reward
+    _at_most(settings, "driving.decision_frequency", "driving.simulation_frequency")
+    _at_most(settings, "goals.lowest_speed", "goals.highest_speed")
+    why = "or goals in the next lane are reached in this one"
+    _less(settings, "goals.lateral_tolerance", "scenario.lane_width", why)
+    why = "or a new speed is reached before it is driven"
+    _less(settings, "goals.speed_tolerance", "goals.speed_step", why)
+    reward = settings.driving.reward
     if not (reward.speed_weight or reward.steering_weight or reward.centring_weight):
-        names = ", ".join(f"driving.reward.{name}_weight" for name in ("speed", "steering"))
         raise SettingsError(
-            f"{names} and driving.reward.centring_weight are all 0: there is nothing to reward"
+            "driving.reward.speed_weight, driving.reward.steering_weight and "
+            "driving.reward.centring_weight are all 0: there is nothing to reward"
         )
+    stopped = settings.driving.stopped_speed
     slowest = {"ego_speed": settings.scenario.ego_speed}
     if settings.scenario.training_ego_speed:
         slowest["training_ego_speed"] = settings.scenario.training_ego_speed[0]
     for name, speed in slowest.items():
-        if speed <= driving.stopped_speed:
+        if speed <= stopped:
             raise SettingsError(
-                f"scenario.{name} must be more than driving.stopped_speed "
-                f"({show(driving.stopped_speed)}), got {show(speed)}"
+                f"scenario.{name} must be more than driving.stopped_speed ({show(stopped)}), "
+                f"got {show(speed)}"
             )
-    stopped = ("driving.stopped_speed", driving.stopped_speed)
-    _less(stopped, ("goals.lowest_speed", goals.lowest_speed), "or goals ask for an accident")
+    why = "or goals ask for an accident"
+    _less(settings, "driving.stopped_speed", "goals.lowest_speed", why)
 
 
-def _check_budget(stage: str, budget: BudgetSettings) -> None:
-    if budget.episodes == 0 and budget.decisions == 0:
-        raise SettingsError(
-            f"{stage}.episodes and {stage}.decisions are both 0: training would never end"
-        )
-
-
-def _check_level(name: str, budget: BudgetSettings, level: LevelSettings) -> None:
-    learner = f"{name}.learner"
-    capacity = (f"{learner}.replay_capacity", level.learner.replay_capacity)
-    _at_most((f"{learner}.batch_size", level.learner.batch_size), capacity)
-    _at_most((f"{learner}.warm_up", level.learner.warm_up), capacity)
-    _at_most((f"{name.split('.')[0]}.worlds", budget.worlds), capacity)
+def _check_level(settings: Settings, stage: str, section: str) -> None:
+    """Checks how a level learns against the budget of its stage."""
+    level: LevelSettings = attrgetter(section)(settings)
+    learner = f"{section}.learner"
+    for name in (f"{learner}.batch_size", f"{learner}.warm_up", f"{stage}.worlds"):
+        _at_most(settings, name, f"{learner}.replay_capacity")
+    _at_most(settings, f"{section}.exploration.end", f"{section}.exploration.start")
+    if level.learner.learning_rate_decay:
+        _at_most(settings, f"{learner}.final_learning_rate", f"{learner}.learning_rate")
+    if attrgetter(stage)(settings).decisions:
+        why = "or training ends before the first update"
+        _less(settings, f"{learner}.warm_up", f"{stage}.decisions", why)
     if len(level.learner.hidden) > MOST_LAYERS:
         raise SettingsError(
             f"{learner}.hidden: at most {MOST_LAYERS} layers, got {len(level.learner.hidden)}"
         )
-    for width in level.learner.hidden:
-        Kind(int, None, Between(1, 65_536)).check(f"{learner}.hidden", width)
-    _check_schedules(name, level)
-    decisions = (f"{name.split('.')[0]}.decisions", budget.decisions)
-    if budget.decisions:
-        warm_up = (f"{learner}.warm_up", level.learner.warm_up)
-        _less(warm_up, decisions, "or training ends before the first update")
-    # Without goals there is nothing else to pay.
-    pay = _PAY[:1] if name == "single_level" else _PAY
-    if not any(getattr(level, weight) for weight in pay):
-        others = f", {', '.join(pay[1:])} are all 0" if pay[1:] else " is 0"
-        raise SettingsError(f"{name}.{pay[0]}{others}: nothing would ever be paid")
+    # Without goals there is only the external reward.
+    rewards = _REWARDS[:1] if section == "single_level" else _REWARDS
+    if not any(getattr(level, weight) for weight in rewards):
+        are = "is 0" if len(rewards) == 1 else "are all 0"
+        raise SettingsError(f"{section}.{', '.join(rewards)} {are}: there would never be a reward")
 
 
-def _check_schedules(name: str, level: LevelSettings) -> None:
-    """What falls does not end higher than it begins."""
-    explores, learner = level.exploration, level.learner
-    start = (f"{name}.exploration.start", explores.start)
-    _at_most((f"{name}.exploration.end", explores.end), start)
-    if learner.learning_rate_decay:
-        final = (f"{name}.learner.final_learning_rate", learner.final_learning_rate)
-        _at_most(final, (f"{name}.learner.learning_rate", learner.learning_rate))
+def _at_most(settings: Settings, lower: str, upper: str) -> None:
+    low, high = attrgetter(lower, upper)(settings)
+    if low > high:
+        raise SettingsError(f"{lower} must be at most {upper} ({show(high)}), got {show(low)}")
 
 
-def _at_most(lower: tuple[str, float], upper: tuple[str, float]) -> None:
-    if lower[1] > upper[1]:
+def _less(settings: Settings, lower: str, upper: str, why: str) -> None:
+    low, high = attrgetter(lower, upper)(settings)
+    if low >= high:
         raise SettingsError(
-            f"{lower[0]} must be at most {upper[0]} ({show(upper[1])}), got {show(lower[1])}"
-        )
-
-
-def _less(lower: tuple[str, float], upper: tuple[str, float], why: str) -> None:
-    if lower[1] >= upper[1]:
-        raise SettingsError(
-            f"{lower[0]} must be less than {upper[0]} ({show(upper[1])}), {why}; "
-            f"got {show(lower[1])}"
+            f"{lower} must be less than {upper} ({show(high)}), {why}; got {show(low)}"
         )
