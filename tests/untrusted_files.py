@@ -13,7 +13,7 @@ import numpy as np
 
 from lanewise import config
 from lanewise.cli import journal
-from lanewise.config.settings import STAGES, Settings
+from lanewise.config.settings import ONE_LEVEL_STAGES, Settings
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.grid import Outcome, Reach
 from lanewise.experiments import experiment, jobs, stored_tests
@@ -41,7 +41,7 @@ FLAGS = {
     "evaluation.duration": 4,
     "evaluation.validation_episodes": 5,
     "evaluation.validation_interval": 2,
-    **{f"{stage}.{name}": value for stage in STAGES for name, value in STAGE.items()},
+    **{f"{stage}.{name}": value for stage in ONE_LEVEL_STAGES for name, value in STAGE.items()},
 }
 WHOLE_SEED, OTHER_SEED = 4, 5
 IDENTITY = {"kind": "Sweep", "controller": "hierarchical", "weights": "0" * 64, "seed": 0}

@@ -243,7 +243,7 @@ def test_progress_is_told_unless_quiet_is_asked(tmp_path, monkeypatch, capsys, q
         ({"controller": "single-level", "high_level": "a"}, "only hierarchical and planned"),
         ({"high_level": "none"}, "no run in"),
     ],
-    ids=str,
+    ids=["short name", "unknown name", "no parts", "wrong part", "no step 1", "no lender"],
 )
 def test_mistakes_leave_nothing_behind(tmp_path, given, said):
     with pytest.raises(LanewiseError, match=said):
