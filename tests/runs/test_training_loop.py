@@ -10,7 +10,6 @@ import pytest
 import small_runs
 from small_runs import Quiet, results, resume
 
-from lanewise import cli
 from lanewise.cli.main import main
 from lanewise.errors import LanewiseError, RunError
 from lanewise.evaluation import drive
@@ -345,7 +344,7 @@ def test_no_whole_checkpoint_is_refused(stopped, capsys):
     for file in (stopped / "checkpoints").glob("*.safetensors"):
         file.write_bytes(b"nothing")
     before = (stopped / "metrics.jsonl").read_bytes()
-    assert cli.main(["train", "hierarchical", "--out", str(stopped), "--resume"]) == 2
+    assert main(["train", "hierarchical", "--out", str(stopped), "--resume"]) == 2
     assert "no checkpoint can be used" in capsys.readouterr().err
     assert (stopped / "metrics.jsonl").read_bytes() == before
 
@@ -372,7 +371,7 @@ def test_a_full_disk_leaves_the_run_resumable(stopped, whole, monkeypatch, capsy
 
     with monkeypatch.context() as patch:
         patch.setattr(folder_io, "_write", full)
-        assert cli.main(["train", "hierarchical", "--out", str(stopped), "--resume"]) == 2
+        assert main(["train", "hierarchical", "--out", str(stopped), "--resume"]) == 2
     error = capsys.readouterr().err
     assert "No space left on device" in error
     assert "Traceback" not in error
