@@ -17,8 +17,8 @@ from lanewise.errors import LanewiseError
 from lanewise.evaluation import drive
 from lanewise.evaluation import sweep as drives
 from lanewise.evaluation.grid import CAUSES, Outcome, Reach
-from lanewise.report import files
-from lanewise.report import sweep as maps
+from lanewise.report import output_files
+from lanewise.report import sweep_page as maps
 from lanewise.runs import lender, lock
 from lanewise.runs.files import OpenFolder
 from lanewise.settings import Settings
@@ -88,7 +88,7 @@ def test_episodes_that_cannot_be_written_cost_no_figures(run, capsys, tmp_path, 
     def full(path, episodes):
         raise LanewiseError(f"cannot write {path}: No space left on device")
 
-    monkeypatch.setattr(files, "write_csv", full)
+    monkeypatch.setattr(output_files, "write_csv", full)
     out = ["--episodes-out", str(tmp_path / "e.csv")]
     assert main(["evaluate", str(run), "--episodes", "5", *out, *words]) == 2
     said = capsys.readouterr()

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 
 from lanewise.evaluation.statistics import CONFIDENCE, Interval
 
@@ -33,7 +34,7 @@ RESAMPLES = 10_000
 TRIM = 0.25
 """Share of the scores left out at either end."""
 
-_BLOCK = 1_000
+_BATCH = 1_000
 """Resamples drawn at once, which bounds the memory."""
 
 
@@ -55,7 +56,7 @@ class Estimate:
 def interquartile_mean(scores: ArrayLike) -> float:
     """Mean of the middle half of all scores: floor(n / 4) are left out at either end.
 
-    Whole scores are left out, as in rliable and `scipy.stats.trim_mean`, and none is weighted by a
+    Whole scores are left out, as in rliable, and none is weighted by a
     fraction, so that the figures can be held against those of other papers. It follows that it is
     the plain mean for fewer than 4 scores, and leaves out one of 5 at either end.
 
@@ -111,7 +112,6 @@ def bootstrap_interval(
     seed: int = 0,
     resamples: int = RESAMPLES,
     confidence: float = CONFIDENCE,
-    same_seeds: bool = False,
 ) -> Interval:
     """Percentile interval of a statistic under the stratified bootstrap.
 
@@ -124,11 +124,8 @@ def bootstrap_interval(
         statistic: takes one array [..., seeds, tasks] an arm, and gives [...].
         arms: the scores of each, [seeds] or [seeds, tasks].
         seed: of the resampling; the same seed and scores give the same interval.
-        resamples: how many.
+        resamples: number of resamples.
         confidence: between 0 and 1.
-        same_seeds: draw the seeds of an arm once for all its tasks instead of task by task. Right
-            where the same trained controllers drove every task: their scores go up and down
-            together, and drawing task by task would make the interval too narrow.
 
     Returns:
         Low and high end; NaN where the bootstrap cannot tell: an arm of one seed, or no spread
@@ -140,15 +137,24 @@ def bootstrap_interval(
     tables = [_table(scores) for scores in arms]
     if min(len(table) for table in tables) < 2:
         return nan, nan
-    random = np.random.default_rng(seed)
-    drawn = np.concatenate(
-        [
-            statistic(*(_resample(random, table, count, same_seeds) for table in tables))
-            for count in _block_sizes(resamples)
-        ]
+    ends = np.cumsum([table.shape[1] for table in tables])
+
+    def of_strata(*strata: Scores, axis: int) -> Scores:
+        starts = zip((0, *ends[:-1]), ends, strict=True)
+        return statistic(*(np.stack(strata[start:end], axis=-1) for start, end in starts))
+
+    # scipy resamples each of its samples alone, which is what makes them strata.
+    found = stats.bootstrap(
+        [column for table in tables for column in table.T],
+        of_strata,
+        n_resamples=resamples,
+        batch=_BATCH,
+        vectorized=True,
+        confidence_level=confidence,
+        method="percentile",
+        rng=np.random.default_rng(seed),
     )
-    tail = (1.0 - confidence) / 2.0
-    low, high = (float(end) for end in np.quantile(drawn, (tail, 1.0 - tail)))
+    low, high = (float(end) for end in found.confidence_interval)
     return (low, high) if low < high else (nan, nan)
 
 
@@ -163,24 +169,10 @@ def _table(scores: ArrayLike) -> Scores:
     return table
 
 
-def _block_sizes(resamples: int) -> list[int]:
-    whole, rest = divmod(resamples, _BLOCK)
-    return [_BLOCK] * whole + [rest] * bool(rest)
-
-
-def _resample(random: np.random.Generator, table: Scores, count: int, same_seeds: bool) -> Scores:
-    """[count, seeds, tasks] drawn from a table."""
-    seeds, tasks = table.shape
-    rows = random.integers(seeds, size=(count, seeds, 1 if same_seeds else tasks))
-    drawn: Scores = table[rows, np.arange(tasks)]
-    return drawn
-
-
 def _interquartile_mean(scores: Scores) -> Scores:
     """[..., seeds, tasks] to [...]."""
-    ordered = np.sort(scores.reshape(*scores.shape[:-2], -1), axis=-1)
-    cut = int(TRIM * ordered.shape[-1])
-    middle: Scores = ordered[..., cut : ordered.shape[-1] - cut].mean(axis=-1)
+    pooled = scores.reshape(*scores.shape[:-2], -1)
+    middle: Scores = stats.trim_mean(pooled, TRIM, axis=-1)
     return middle
 
 

@@ -11,7 +11,7 @@ from lanewise.experiments.claims import Claim
 from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.figures import Drawn
 from lanewise.experiments.results import WORLDS, ArmResult, SeedResult
-from lanewise.report.arms import ArmFigures
+from lanewise.report.experiment_tables import ArmFigures
 from lanewise.runs.kept import Kept
 
 

@@ -5,19 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lanewise.experiments.results import WORLDS, ArmResult, SeedResult
-from lanewise.report import (
-    film_strip,
-    framework,
-    goal_track,
-    profiles,
-    seeds,
-    start_ranges,
-    training_curves,
-    trap_schematic,
-    two_steps,
-)
-from lanewise.report.arms import ArmFigures
+from lanewise.experiments.results import WORLDS, ArmResult
+from lanewise.report import film_strip, goal_figure, profiles, seed_figure, training_curves
+from lanewise.report.experiment_tables import ArmFigures
 from lanewise.runs import metrics
 
 FOLDER = "figures"
@@ -69,12 +59,11 @@ def of_seeds(arms: Sequence[ArmFigures], out: Path) -> Drawn:
         "Tests of every arm: a dot a seed, a line at their mean, published values dashed",
     )
     for suffix in SUFFIXES:
-        seeds.write(arms, WORLDS[0], out / FOLDER / f"{drawn.name}{suffix}")
+        seed_figure.write(arms, WORLDS[0], out / FOLDER / f"{drawn.name}{suffix}")
     return drawn
 
 
 def _figures(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Draw]]:
-    yield from _schematics(next(iter(arms.values())).seeds[0])
     yield from _curves(arms)
     if all(name in arms for name in COMPARED):
         pair = {name: arms[name] for name in COMPARED}
@@ -87,22 +76,8 @@ def _figures(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Draw]]:
                 "Goals the high level chose along one test episode, and what became of "
                 "each (not in the paper)",
             ),
-            lambda path: goal_track.write(first, path),
+            lambda path: goal_figure.write(first, path),
         )
-
-
-def _schematics(seed: SeedResult) -> Iterator[tuple[Drawn, Draw]]:
-    settings = seed.job.settings
-    yield (
-        Drawn("trap", "The trap at its test start"),
-        lambda path: trap_schematic.write(settings.scenario, path),
-    )
-    yield (
-        Drawn("start-ranges", "D1 and D2: training ranges and test start"),
-        lambda path: start_ranges.write(settings.scenario, path),
-    )
-    yield Drawn("framework", "The framework"), lambda path: framework.write(settings, path)
-    yield Drawn("two-steps", "Two-step training"), lambda path: two_steps.write(settings, path)
 
 
 def _curves(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Draw]]:

@@ -10,7 +10,7 @@ from importlib import resources
 from typing import Any
 
 from lanewise import config
-from lanewise.report.escape import cell
+from lanewise.report.markup import cell
 
 _QUOTED = re.compile(r"`(\*?[a-z_]*(?:\.[a-z_]+)+)`")
 HEADS = ("#", "the paper", "here", "literal or other reading", "why")

@@ -14,11 +14,17 @@ from lanewise.experiments.content import Content
 from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.figures import COMPARED, FOLDER, PROFILE_SECONDS, SCHEDULES
 from lanewise.experiments.results import WORLDS, ArmResult, SeedResult
-from lanewise.report import arms as tables
-from lanewise.report import clip, page, provenance, table, weights
-from lanewise.report.curves import write_curves
-from lanewise.report.escape import cell, code
-from lanewise.report.files import write_text
+from lanewise.report import (
+    clip,
+    evaluation_table,
+    experiment_tables,
+    html_page,
+    provenance,
+    tables,
+    training_curves,
+)
+from lanewise.report.markup import cell, code
+from lanewise.report.output_files import write_text
 from lanewise.runs import metrics as run_metrics
 from lanewise.runs.files import OpenFolder, publish
 
@@ -81,11 +87,11 @@ def _draw(
     lines = [line for result in _in_curves(results) for line in result.seeds[0].whole_training]
     if chunks := [line for line in lines if line["kind"] == "chunk"]:
         for suffix in figures.SUFFIXES:
-            write_curves(chunks, out / f"curves{suffix}")
+            training_curves.write_stages(chunks, out / f"curves{suffix}")
     told = Content(experiment, command, results, _ledger(results), drawn, made, times)
     text = _markdown(told)
     write_text(out / "report.json", stored.text(told))
-    write_text(out / "report.html", page.render(text, experiment.title, out))
+    write_text(out / "report.html", html_page.render(text, experiment.title, out))
     write_text(out / REPORT, text)
     return _text(told)
 
@@ -150,7 +156,7 @@ def _markdown(content: Content) -> str:
         *_figure_part(content),
         *_reading_part(content),
         "## What the figures mean",
-        table.meanings(),
+        tables.meanings(),
         *_origin_part(content),
     ]
     return "\n\n".join(part.rstrip() for part in parts if part) + "\n"
@@ -161,20 +167,24 @@ def _test_part(content: Content) -> list[str]:
     rows = content.figures
     if not content.arm_by_arm:
         summaries = [s for arm in rows for world in WORLDS for s in arm.tests.get(world, ())]
-        return ["## Test episodes", table.markdown(summaries), _pairs(content.paired)]
+        return ["## Test episodes", evaluation_table.markdown(summaries), _pairs(content.paired)]
     parts = ["## Test phase", "Means over seeds, the lowest and the highest seed in parentheses."]
     for world in WORLDS:
         if any(arm.tests.get(world) for arm in rows):
-            parts += [f"### In {cell(world)}", tables.tests(rows, world)]
+            parts += [f"### In {cell(world)}", experiment_tables.tests(rows, world)]
     parts += [_pairs(content.paired)]
     if content.several_seeds:
         held = next((r.arm.title for r in content.results if r.arm.name == REFERENCE), None)
-        parts += ["### Over seeds", _over_seeds_note(held), tables.over_seeds(rows, held)]
+        parts += [
+            "### Over seeds",
+            _over_seeds_note(held),
+            experiment_tables.over_seeds(rows, held),
+        ]
     return [
         *parts,
         "### Every seed",
         "Rates with exact 95 % intervals, means with Student's.",
-        tables.every_seed(rows, WORLDS),
+        experiment_tables.every_seed(rows, WORLDS),
     ]
 
 
@@ -200,7 +210,7 @@ def _training_part(content: Content) -> list[str]:
         f"Means of the last {metrics.TRAINING_WINDOW} training episodes of the last stage, which "
         "still explore. The paper does not say whether its reward is one a decision or one a "
         "second; episodes of step 2 may be shorter than those of the other stages (row 4 below).",
-        tables.training(trained),
+        experiment_tables.training(trained),
     ]
 
 
@@ -220,7 +230,9 @@ def _weights_part(content: Content) -> list[str]:
         "## Kept and last weights",
         f"Greedy, on {episodes:,} validation starts by which no weights were chosen. *Chosen for* "
         "is what the kept weights did in the validation they were chosen by.",
-        weights.table({title: [kept for _, kept in seeds] for title, seeds in stages.items()}),
+        experiment_tables.weights(
+            {title: [kept for _, kept in seeds] for title, seeds in stages.items()}
+        ),
         "\n".join(warnings),
     ]
 
@@ -283,17 +295,17 @@ def _origin_part(content: Content) -> list[str]:
     title = cell(_shown(content.results).arm.title)
     return [
         "## How it was made",
-        table.listing({**made["versions"], **made["machine"]}),
+        tables.listing({**made["versions"], **made["machine"]}),
         _code_line(content),
         "" if took is None else f"The last call of the command took {took:.1f} s.",
         "### What was run",
         "Means over seeds. A training's time includes compilation and whatever shared the machine; "
         "an arm that takes over the step 1 of another has step 2 alone to show.",
-        tables.run(content.figures),
+        experiment_tables.effort(content.figures),
         "### Settings of the arms",
         _changes(content),
         f"## Settings: {title}",
-        table.listing(settings),
+        tables.listing(settings),
     ]
 
 
@@ -332,12 +344,14 @@ def _text(content: Content) -> str:
     if content.arm_by_arm:
         found = "\n".join(
             f"in {world}, means over seeds (their number in parentheses)\n"
-            + tables.text([arm for arm in rows if arm.tests.get(world)], world)
+            + experiment_tables.text([arm for arm in rows if arm.tests.get(world)], world)
             for world in WORLDS
             if any(arm.tests.get(world) for arm in rows)
         )
     else:
-        found = table.text([s for arm in rows for w in WORLDS for s in arm.tests.get(w, ())])
+        found = evaluation_table.text(
+            [s for arm in rows for w in WORLDS for s in arm.tests.get(w, ())]
+        )
     lines = [line.removeprefix("- ") for line in _pairs(content.paired).splitlines()]
     lines += [f"{claim.verdict}: {claim.text}" for claim in content.ledger]
     return found + "\n" + "".join(f"{line}\n" for line in lines)

@@ -9,8 +9,8 @@ import numpy as np
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import Recording
 from lanewise.extras import needed_for
-from lanewise.report import style
-from lanewise.report.style import Floats, Look, Style
+from lanewise.report import figure_style as style
+from lanewise.report.figure_style import Floats, Look, Style
 
 with needed_for("the profiles"):
     from matplotlib.artist import Artist
@@ -24,7 +24,6 @@ Arms = Mapping[str, Sequence[Recording]]
 SECONDS = 40.0
 """The paper's 40 timesteps."""
 QUANTILES = (0.1, 0.9)
-BAND = "middle 80 % of episodes"
 PANELS = (
     ("speed", "speed, m/s"),
     ("reward", "instant reward,\nof a decision"),
@@ -83,7 +82,14 @@ def draw(arms: Arms, *, seconds: float = SECONDS) -> Figure:
             _arm(axes, one, name, looks[title])
         axes.set_ylabel(label)
     panels[-1].set_xlabel("time, timesteps of 1 s")
-    style.legend(figure, _key(arms, profiles, looks))
+    handles: list[Artist] = [
+        style.key(looks[title], title, len(runs), "episode") for title, runs in arms.items()
+    ]
+    if any(len(runs) > 1 for runs in arms.values()):
+        handles.append(style.band_key("band: middle 80 % of episodes"))
+    if any(one.accidents for one in profiles.values()):
+        handles.append(Line2D([], [], label="accident ends an episode", **_cross("0.2")))
+    style.legend(figure, handles)
     return figure
 
 
@@ -108,11 +114,12 @@ def profile(title: str, recordings: Sequence[Recording], seconds: float) -> Prof
         for run in recordings
         if run.accident and run.time[-1] <= time[-1] + 1e-9
     ]
+    accumulated = [run.accumulated_reward for run in recordings]
     return Profile(
         time,
         np.stack([_padded(run.speed[:, 0], len(time), np.nan) for run in recordings]),
         np.stack([_padded(_instant(run), len(time), np.nan) for run in recordings]),
-        np.stack([_held(run.accumulated_reward, len(time)) for run in recordings]),
+        np.stack([_padded(sums, len(time), float(sums[-1])) for sums in accumulated]),
         accidents,
     )
 
@@ -129,10 +136,6 @@ def _instant(recording: Recording) -> Floats:
 def _padded(values: Floats, length: int, rest: float) -> Floats:
     missing = np.full(max(length - len(values), 0), rest)
     return np.concatenate([values[:length], missing])
-
-
-def _held(values: Floats, length: int) -> Floats:
-    return _padded(values, length, float(values[-1]))
 
 
 def _arm(axes: Axes, one: Profile, name: str, own: Style) -> None:
@@ -160,16 +163,3 @@ def _cross(colour: str) -> Look:
         "linestyle": "",
         "zorder": 5,
     }
-
-
-def _key(arms: Arms, profiles: Mapping[str, Profile], looks: Mapping[str, Style]) -> list[Artist]:
-    handles: list[Artist] = []
-    for title, runs in arms.items():
-        own = looks[title]
-        name = f"{style.plain(title)} ({len(runs)} episode{'s' if len(runs) > 1 else ''})"
-        handles.append(Line2D([], [], color=own.colour, ls=own.dashes, lw=style.DRAWN, label=name))
-    if any(len(runs) > 1 for runs in arms.values()):
-        handles.append(style.band_key(f"band: {BAND}"))
-    if any(one.accidents for one in profiles.values()):
-        handles.append(Line2D([], [], label="accident ends an episode", **_cross("0.2")))
-    return handles

@@ -8,9 +8,10 @@ import numpy as np
 
 from lanewise.evaluation.metrics import METRICS, PUBLISHED, Metric
 from lanewise.extras import needed_for
-from lanewise.report import style
-from lanewise.report.arms import ArmFigures, head
-from lanewise.report.style import Style
+from lanewise.report import figure_style as style
+from lanewise.report.experiment_tables import ArmFigures
+from lanewise.report.figure_style import Style
+from lanewise.report.tables import head, scale
 
 with needed_for("the figure of all seeds"):
     from matplotlib.artist import Artist
@@ -69,7 +70,7 @@ def draw(arms: Sequence[ArmFigures], world: str) -> Figure:
 
 
 def _row(axes: Axes, row: int, metric: Metric, arm: ArmFigures, world: str) -> None:
-    values = _scale(metric) * np.array(arm.values(world, metric.name))
+    values = scale(metric) * np.array(arm.values(world, metric.name))
     height = row + SPREAD * np.linspace(-1.0, 1.0, len(values)) if len(values) > 1 else [row]
     own = _own(arm)
     axes.plot(values, height, own.marker, color=own.colour, markersize=3.4, alpha=0.75)
@@ -82,7 +83,7 @@ def _published(axes: Axes, metric: Metric, arms: Sequence[ArmFigures]) -> None:
         value = PUBLISHED.get(controller, {}).get(metric.name)
         if value is not None:
             colour = style.STYLES[style.OWN[controller]].colour
-            axes.axvline(_scale(metric) * value, color=colour, linestyle=(0, (4, 2)), linewidth=0.9)
+            axes.axvline(scale(metric) * value, color=colour, linestyle=(0, (4, 2)), linewidth=0.9)
 
 
 def _own(arm: ArmFigures) -> Style:
@@ -102,7 +103,3 @@ def _key(arms: Sequence[ArmFigures]) -> list[Artist]:
     handles.append(Line2D([], [], color="0.3", linewidth=style.DRAWN, label="mean over seeds"))
     handles.append(Line2D([], [], color="0.3", linestyle=(0, (4, 2)), label="published"))
     return handles
-
-
-def _scale(metric: Metric) -> float:
-    return 100.0 if metric.rate else 1.0

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import ACCIDENTS, Recording
 from lanewise.extras import needed_for
-from lanewise.report import style
-from lanewise.report.style import STYLES, Floats, Look
+from lanewise.report import figure_style as style
+from lanewise.report.figure_style import STYLES, Floats, Look
 
 with needed_for("the goals figure"):
     from matplotlib.axes import Axes

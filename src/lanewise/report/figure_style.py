@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
 from lanewise.extras import needed_for
-from lanewise.report.escape import line
-from lanewise.report.files import check_suffix, replacing
+from lanewise.report.markup import line
+from lanewise.report.output_files import check_suffix, replacing
 
 with needed_for("a figure"):
     import matplotlib.style
@@ -19,9 +19,11 @@ with needed_for("a figure"):
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 Look = dict[str, Any]
 """Keywords of a matplotlib artist."""
 
@@ -36,7 +38,6 @@ DRAWN, THIN = 1.6, 0.5
 GRID = "0.9"
 MUTED = "0.35"
 """Greys of the grid and of what is less important."""
-MINUS, TIMES = "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}"
 
 
 class Style(NamedTuple):
@@ -150,6 +151,12 @@ def band(
             alpha=0.7,
             drawstyle="steps-post" if stepped else "default",
         )
+
+
+def key(own: Style, title: str, count: int, noun: str) -> Line2D:
+    """A curve's entry in a legend, with how many of what it is the mean of."""
+    label = f"{plain(title)} ({count} {noun}{'s' if count > 1 else ''})"
+    return Line2D([], [], color=own.colour, ls=own.dashes, lw=DRAWN, label=label)
 
 
 def band_key(label: str) -> Patch:

@@ -1,4 +1,4 @@
-"""Tables of an experiment as Markdown and text: a row an arm, figures over its seeds."""
+"""Tables of an experiment as Markdown and text: a row for each arm, figures over its seeds."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,8 +16,10 @@ from lanewise.evaluation.metrics import (
     Metric,
     Summary,
 )
-from lanewise.report.escape import cell, line
-from lanewise.report.table import bounds, left_out, number, spread, unit
+from lanewise.report import tables
+from lanewise.report.markup import cell, line
+from lanewise.report.tables import UNKNOWN, bounds, digits, head, number, scale, spread, unit
+from lanewise.runs.kept import Kept
 
 PAPER = (
     *("accumulated_reward", "average_speed", "escape_rate", "success_rate"),
@@ -25,6 +27,8 @@ PAPER = (
 )
 """The metrics of the paper's test table, in its order, our stricter success beside the paper's."""
 SHOWN: tuple[Metric, ...] = tuple(m for name in PAPER for m in METRICS if m.name == name)
+OVER_SEEDS = ("escape_rate", "success_rate", "accumulated_reward")
+"""Metrics with aggregates over seeds."""
 TRAINING = (
     ("reward", "reward, 1 a decision", 1.0, 2),
     ("timestep_reward", "reward, 1 a second", 1.0, 2),
@@ -32,10 +36,14 @@ TRAINING = (
     ("escaped", "success (paper), %", 100.0, 1),
     ("success", "success, %", 100.0, 1),
 )
-"""Measures of a training episode: column of the metrics, title, factor, digits."""
-
-UNKNOWN = "-"
-"""A cell without a figure."""
+"""Measures of a training episode: column of the metrics, title, factor, decimal places."""
+WEIGHTS = (
+    ("escape_rate", "success (paper), %", 100.0, 1),
+    ("success_rate", "success, %", 100.0, 1),
+    ("accident_rate", "accidents, %", 100.0, 1),
+    ("reward", "reward, 1 a second", 1.0, 2),
+)
+"""Figures of kept and last weights, likewise."""
 EFFORT = ("decisions", "episodes", "updates", "seconds")
 """What a training took, over all its stages."""
 
@@ -53,14 +61,13 @@ class ArmFigures:
     seeds: Sequence[int]
     """In the order of what follows."""
     tests: Mapping[str, Sequence[Summary]]
-    """By world, one a seed."""
+    """By world, one for each seed."""
     training: Sequence[Rows] = field(default=())
-    """Training episodes of the last stage, one list a seed; none for a reference driver."""
+    """Training episodes of the last stage, one list for each seed; empty if nothing is trained."""
     effort: Rows = field(default=())
     """What each seed's training took: ``decisions``, ``episodes``, ``updates``, ``seconds``."""
     unlike_paper: str | None = None
-    """What makes its tests others than the published ones: empty where nothing does, None where
-    nobody has looked."""
+    """How its tests differ from the published ones: empty if they do not, None if unknown."""
     unlike_papers_training: str | None = None
     """The same of its trainings."""
 
@@ -70,7 +77,7 @@ class ArmFigures:
 
 
 Unlike = Callable[[ArmFigures], str | None]
-"""What makes an arm's tests, or its trainings, others than the published ones."""
+"""How an arm's tests, or its trainings, differ from the published ones."""
 
 
 def tests(arms: Sequence[ArmFigures], world: str) -> str:
@@ -81,37 +88,39 @@ def tests(arms: Sequence[ArmFigures], world: str) -> str:
         if published:
             rows.append([f"*{cell(arm.controller)}, published*", "-", *_published(arm.controller)])
         if arm.tests.get(world):
-            cells = [_span(metric, arm.values(world, metric.name)) for metric in SHOWN]
+            cells = (
+                spread([scale(m) * v for v in arm.values(world, m.name)], digits(m)) for m in SHOWN
+            )
             rows.append([cell(arm.title), str(len(arm.tests[world])), *cells])
-    return _markdown(heads, rows, _left_out(arms, PUBLISHED, _unlike_test))
+    return _noted(tables.markdown(heads, rows), _left_out(arms, PUBLISHED, _unlike_test))
 
 
 def every_seed(arms: Sequence[ArmFigures], worlds: Sequence[str]) -> str:
-    """One row a seed and world, rates with exact 95 % intervals."""
+    """One row for each seed and world, rates with exact 95 % intervals."""
     heads = ["arm", "seed", "world", "episodes", *(head(metric) for metric in SHOWN)]
-    rows = []
-    for arm in arms:
-        for place, seed in enumerate(arm.seeds):
-            for world in worlds:
-                if place < len(arm.tests.get(world, ())):
-                    summary = arm.tests[world][place]
-                    cells = [_with_interval(metric, summary) for metric in SHOWN]
-                    count = str(summary.episodes)
-                    rows.append([cell(arm.title), str(seed), world, count, *cells])
-    return _markdown(heads, rows)
+    rows = [
+        [
+            *(cell(arm.title), str(seed), world, str(arm.tests[world][place].episodes)),
+            *(tables.with_interval(metric, arm.tests[world][place]) for metric in SHOWN),
+        ]
+        for arm in arms
+        for place, seed in enumerate(arm.seeds)
+        for world in worlds
+        if place < len(arm.tests.get(world, ()))
+    ]
+    return tables.markdown(heads, rows) + "\n"
 
 
 def over_seeds(arms: Sequence[ArmFigures], reference: str | None, world: str = "lanewise") -> str:
     """Interquartile means with bootstrap intervals, and how likely an arm beats the reference.
 
     Args:
-        arms: those with one seed alone have no interval.
-        reference: title of the arm that the others are held against; None leaves that out.
-        world: whose tests.
+        arms: an arm of one seed has no interval.
+        reference: title of the arm to compare the others with; None leaves the comparison out.
+        world: the world of the tests.
     """
     held = next((arm for arm in arms if arm.title == reference), None)
-    names = ("escape_rate", "success_rate", "accumulated_reward")
-    metrics = [metric for name in names for metric in SHOWN if metric.name == name]
+    metrics = [metric for metric in METRICS if metric.name in OVER_SEEDS]
     heads = ["arm"]
     for metric in metrics:
         heads.append(f"IQM of {head(metric)}")
@@ -126,10 +135,10 @@ def over_seeds(arms: Sequence[ArmFigures], reference: str | None, world: str = "
             scores = arm.values(world, metric.name)
             row.append(_interquartile_mean(metric, scores))
             if held is not None:
-                improves = UNKNOWN if arm is held else _improvement(scores, held, world, metric)
-                row.append(improves)
+                others = held.values(world, metric.name)
+                row.append(UNKNOWN if arm is held else _improvement(scores, others))
         rows.append(row)
-    return _markdown(heads, rows)
+    return tables.markdown(heads, rows) + "\n"
 
 
 def training(arms: Sequence[ArmFigures]) -> str:
@@ -141,19 +150,20 @@ def training(arms: Sequence[ArmFigures]) -> str:
         if published:
             figures = PUBLISHED_TRAINING[arm.controller]
             cells = [
-                f"{factor * figures[name]:.{digits}f}" if name in figures else UNKNOWN
-                for name, _, factor, digits in TRAINING
+                spread([factor * figures.get(name, nan)], places)
+                for name, _, factor, places in TRAINING
             ]
             rows.append([f"*{cell(arm.controller)}, published*", "5", *cells])
         cells = [
-            spread([factor * last_mean(rows_, name) for rows_ in arm.training], digits)
-            for name, _, factor, digits in TRAINING
+            spread([factor * last_mean(episodes, name) for episodes in arm.training], places)
+            for name, _, factor, places in TRAINING
         ]
         rows.append([cell(arm.title), str(len(arm.training)), *cells])
-    return _markdown(heads, rows, _left_out(trained, PUBLISHED_TRAINING, _unlike_training))
+    left = _left_out(trained, PUBLISHED_TRAINING, _unlike_training)
+    return _noted(tables.markdown(heads, rows), left)
 
 
-def run(arms: Sequence[ArmFigures]) -> str:
+def effort(arms: Sequence[ArmFigures]) -> str:
     """What was run: means over seeds of what the trainings took, and the tests."""
     heads = ["arm", "seeds", "decisions", "episodes", "updates", "updates a decision", "minutes"]
     rows = []
@@ -170,35 +180,48 @@ def run(arms: Sequence[ArmFigures]) -> str:
         numbers = ", ".join(map(str, arm.seeds))
         rows.append([cell(arm.title), numbers, *cells, " + ".join(map(str, tested))])
     worlds = list(dict.fromkeys(world for arm in arms for world in arm.tests))
-    return _markdown([*heads, f"tests of a seed in {' + '.join(map(cell, worlds))}"], rows)
+    heads.append(f"tests of a seed in {' + '.join(map(cell, worlds))}")
+    return tables.markdown(heads, rows) + "\n"
+
+
+def weights(stages: Mapping[str, Sequence[Kept]]) -> str:
+    """Kept and last weights, a row for each stage: means over seeds, lowest and highest.
+
+    Args:
+        stages: by title, what each seed kept.
+    """
+    heads = ["stage", "kept by", "chosen for success, %"]
+    heads += [f"{title}: {of}" for _, title, _, _ in WEIGHTS for of in ("kept", "last")]
+    rows = []
+    for title, seeds in stages.items():
+        chosen = [100.0 * each for seed in seeds if (each := seed.chosen_for) is not None]
+        figures = (
+            spread([factor * seed.line[f"{of}_{name}"] for seed in seeds], places)
+            for name, _, factor, places in WEIGHTS
+            for of in ("kept", "last")
+        )
+        rows.append([cell(title), cell(seeds[0].line["rule"]), spread(chosen, 1), *figures])
+    return tables.markdown(heads, rows, texts=2) + "\n"
 
 
 def last_mean(rows: Rows, name: str) -> float:
-    """Mean of a measure over the last training episodes; NaN if there was none.
-
-    NaN also where an episode from an older version does not tell it.
-    """
+    """Mean of a measure over the last training episodes; NaN if unknown for one of them."""
     last = [row.get(name) for row in rows[-TRAINING_WINDOW:]]
     return float(np.mean([nan if value is None else value for value in last])) if last else nan
 
 
 def text(arms: Sequence[ArmFigures], world: str) -> str:
     """The test table for a terminal, means alone."""
-    rows = [["", *(metric.title for metric in SHOWN)], ["", *(unit(metric) for metric in SHOWN)]]
+    heads = [["", *(metric.title for metric in SHOWN)], ["", *(unit(metric) for metric in SHOWN)]]
+    rows = []
     for arm, published in _beside(arms, PUBLISHED, _unlike_test):
         if published:
             rows.append([f"{arm.controller}, published", *_published(arm.controller)])
         if arm.tests.get(world):
-            means = [float(np.mean(arm.values(world, metric.name))) for metric in SHOWN]
-            cells = [_known(metric, mean) for metric, mean in zip(SHOWN, means, strict=True)]
+            means = (float(np.mean(arm.values(world, metric.name))) for metric in SHOWN)
+            cells = map(number, SHOWN, means)
             rows.append([f"{line(arm.title)} ({len(arm.tests[world])})", *cells])
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    lines = []
-    for label, *figures in rows:
-        padded = [figure.rjust(width) for figure, width in zip(figures, widths[1:], strict=True)]
-        lines.append("  ".join([label.ljust(widths[0]), *padded]))
-    left = _left_out(arms, PUBLISHED, _unlike_test)
-    return "\n".join([*lines[:2], "-" * len(lines[0]), *lines[2:], *left]) + "\n"
+    return "\n".join([tables.text(heads, rows), *_left_out(arms, PUBLISHED, _unlike_test)]) + "\n"
 
 
 def _beside(
@@ -216,9 +239,14 @@ def _beside(
 def _left_out(
     arms: Sequence[ArmFigures], published: Mapping[str, Any], unlike: Unlike
 ) -> list[str]:
-    """Why published figures are not to be held against some of the arms."""
+    """Why some arms must not be compared with published figures."""
     why = {arm.title: unlike(arm) for arm in arms if arm.controller in published}
-    return left_out({title: reason for title, reason in why.items() if reason})
+    return tables.left_out({title: reason for title, reason in why.items() if reason})
+
+
+def _noted(table: str, notes: Sequence[str]) -> str:
+    """A Markdown table with notes below it."""
+    return "\n".join([table, *(["", *map(cell, notes)] if notes else [])]) + "\n"
 
 
 def _unlike_test(arm: ArmFigures) -> str | None:
@@ -230,54 +258,20 @@ def _unlike_training(arm: ArmFigures) -> str | None:
 
 
 def _published(controller: str) -> list[str]:
-    return [_known(metric, PUBLISHED[controller].get(metric.name, nan)) for metric in SHOWN]
-
-
-def _known(metric: Metric, value: float) -> str:
-    return number(metric, value) if isfinite(value) else UNKNOWN
-
-
-def head(metric: Metric) -> str:
-    """A metric's title with its unit."""
-    return f"{metric.title}, {unit(metric)}" if unit(metric) else metric.title
-
-
-def _span(metric: Metric, values: Sequence[float]) -> str:
-    """Mean over seeds, lowest and highest; unknown if a seed's is: of fewer it would be another."""
-    shown = _known(metric, float(np.mean(values)))
-    if len(values) == 1 or shown == UNKNOWN:
-        return shown
-    return f"{shown} ({number(metric, min(values))} to {number(metric, max(values))})"
-
-
-def _with_interval(metric: Metric, summary: Summary) -> str:
-    shown = _known(metric, summary.values.get(metric.name, nan))
-    interval = summary.intervals.get(metric.name)
-    return shown if interval is None else f"{shown} {bounds(metric, interval)}"
+    return [number(metric, PUBLISHED[controller].get(metric.name, nan)) for metric in SHOWN]
 
 
 def _interquartile_mean(metric: Metric, scores: Sequence[float]) -> str:
     if not all(map(isfinite, scores)):
         return UNKNOWN
-    shown = number(metric, aggregates.interquartile_mean(scores))
     interval = aggregates.interquartile_interval(scores)
-    return f"{shown} {bounds(metric, interval)}" if isfinite(interval[0]) else shown
+    shown = number(metric, aggregates.interquartile_mean(scores))
+    return f"{shown} {bounds(metric, interval)}".rstrip()
 
 
-def _improvement(scores: Sequence[float], held: ArmFigures, world: str, metric: Metric) -> str:
-    others = held.values(world, metric.name)
+def _improvement(scores: Sequence[float], others: Sequence[float]) -> str:
     if not others or not all(map(isfinite, (*scores, *others))):
         return UNKNOWN
     value = aggregates.probability_of_improvement(scores, others)
     low, high = aggregates.improvement_interval(scores, others)
     return f"{value:.2f} ({low:.2f}, {high:.2f})" if isfinite(low) else f"{value:.2f}"
-
-
-def _markdown(
-    heads: Sequence[str], rows: Sequence[Sequence[str]], notes: Sequence[str] = ()
-) -> str:
-    """A table, and notes below it."""
-    lines = ["| " + " | ".join(heads) + " |", "|---|" + "---:|" * (len(heads) - 1)]
-    lines += ["| " + " | ".join(row) + " |" for row in rows]
-    below = ["", *map(cell, notes)] if notes else []
-    return "\n".join([*lines, *below]) + "\n"
