@@ -2,36 +2,23 @@
 
 import matplotlib
 import pytest
-from fabricate import make_recording, make_training
+from fabricate import make_recording, make_rows, make_training
 from looking import check_words
 from matplotlib import cbook
 from matplotlib.figure import Figure
 from PIL import Image
 
 from lanewise.errors import LanewiseError
-from lanewise.report import (
-    film_strip,
-    framework,
-    goal_track,
-    profiles,
-    start_ranges,
-    style,
-    training_curves,
-    trap_schematic,
-    two_steps,
-)
-from lanewise.settings import Settings
+from lanewise.report import figure_style as style
+from lanewise.report import film_strip, goal_figure, profiles, training_curves
 
 RECORDINGS = {"single-level": make_recording(goals=False), "hierarchical": make_recording()}
 FIGURES = {
-    "training": (training_curves, {"single-level": make_training()}),
-    "profiles": (profiles, {title: [one] for title, one in RECORDINGS.items()}),
-    "strip": (film_strip, RECORDINGS),
-    "goals": (goal_track, RECORDINGS["hierarchical"]),
-    "trap": (trap_schematic, Settings().scenario),
-    "starts": (start_ranges, Settings().scenario),
-    "framework": (framework, Settings()),
-    "two steps": (two_steps, Settings()),
+    "training": (training_curves.draw, {"single-level": make_training()}),
+    "stages": (training_curves.draw_stages, make_rows()),
+    "profiles": (profiles.draw, {title: [one] for title, one in RECORDINGS.items()}),
+    "strip": (film_strip.draw, RECORDINGS),
+    "goals": (goal_figure.draw, RECORDINGS["hierarchical"]),
 }
 
 
@@ -39,17 +26,10 @@ def test_controllers_keep_their_style_and_others_take_what_is_left():
     alone = style.styles(["hierarchical"])
     among = style.styles(["mine", "h-DQN", "hierarchical", "yours"])
     assert alone["hierarchical"] == among["hierarchical"] == style.STYLES[1]
-    assert among["mine"] == style.STYLES[0]
-    assert among["yours"] == style.STYLES[2]
+    assert (among["mine"], among["yours"]) == (style.STYLES[0], style.STYLES[2])
     assert len(set(among.values())) == 4
-
-
-def test_styles_differ_in_colour_in_dashes_and_in_marker():
-    for column in zip(*style.STYLES, strict=True):
+    for column in zip(*style.STYLES, strict=True):  # colours, dashes, markers
         assert len(set(column)) == len(style.STYLES)
-
-
-def test_more_curves_than_can_be_told_apart_are_refused():
     with pytest.raises(LanewiseError, match="7 curves apart, not 8"):
         style.styles([str(number) for number in range(8)])
 
@@ -73,16 +53,15 @@ def test_a_dollar_in_a_title_is_a_dollar():
 @pytest.mark.parametrize("name", FIGURES)
 def test_every_figure_in_both_formats(tmp_path, name):
     """The same data give the same bytes, whatever the user's own settings; words stand apart."""
-    module, data = FIGURES[name]
-    check_words(module.draw(data))
-    module.write(data, tmp_path / "a.png")
-    module.write(data, tmp_path / "a.svg")
+    draw, data = FIGURES[name]
+    check_words(draw(data))
+    style.write(tmp_path / "a.png", lambda: draw(data))
+    style.write(tmp_path / "a.svg", lambda: draw(data))
     before = dict(matplotlib.rcParams)
     with matplotlib.rc_context({"font.size": 20.0, "text.color": "red", "savefig.dpi": 50}):
-        module.write(data, tmp_path / "b.svg")
+        style.write(tmp_path / "b.svg", lambda: draw(data))
     assert dict(matplotlib.rcParams) == before
-    image = Image.open(tmp_path / "a.png")
-    assert image.width == round(style.WIDTH * style.DPI)
+    assert Image.open(tmp_path / "a.png").width == round(style.WIDTH * style.DPI)
     vector = (tmp_path / "a.svg").read_text(encoding="utf-8")
     assert vector == (tmp_path / "b.svg").read_text(encoding="utf-8")
     assert "dc:date" not in vector
