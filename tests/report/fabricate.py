@@ -1,4 +1,4 @@
-"""Made-up results: an episode in which the ego gets past two trap cars, curves, outcomes, a sweep."""
+"""Made-up results: an episode past two trap cars, curves, outcomes, a sweep."""
 
 import random
 

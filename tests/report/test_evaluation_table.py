@@ -22,7 +22,9 @@ def summaries(episodes):
 def test_published_stands_first_in_the_papers_order(summaries, episodes):
     sources = ["published", "lanewise", "highway-env"]
     assert [(each.controller, each.world) for each in columns(summaries)] == [
-        (controller, source) for controller in ("single-level", "hierarchical") for source in sources
+        (controller, source)
+        for controller in ("single-level", "hierarchical")
+        for source in sources
     ]
     own = [summarise(episodes, controller="mine", world="lanewise")]
     assert columns(own) == own

@@ -143,9 +143,7 @@ def test_the_training_table_takes_the_last_fifty_episodes():
     def lines(late):
         rewards = [100.0] * 30 + [late] * 50
         same = {"speed": 10.0, "escaped": True}
-        return [
-            {"reward": r, "timestep_reward": r / 2, "success": r > 3, **same} for r in rewards
-        ]
+        return [{"reward": r, "timestep_reward": r / 2, "success": r > 3, **same} for r in rewards]
 
     trained = arm("two levels", "hierarchical", [1, 2], training=[lines(2.0), lines(4.0)])
     rows = cells(tables.training([trained, FLAT]))
