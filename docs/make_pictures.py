@@ -11,6 +11,7 @@ from PIL import Image
 
 from lanewise.experiments import testing
 from lanewise.report import film_strip, goal_figure
+from lanewise.report.figure_style import save
 from lanewise.report.frame import frame
 from lanewise.runs import trained
 
@@ -31,8 +32,8 @@ def main() -> None:
     for place, each in enumerate(frames):
         picture.paste(each, (0, place * height))
     picture.quantize(64).save(IMAGES / "trap.png", optimize=True)
-    goal_figure.write(ours, IMAGES / "goals.png")
-    film_strip.write(recordings, IMAGES / "film-strip.png")
+    save(goal_figure.draw(ours), IMAGES / "goals", (".png",))
+    save(film_strip.draw(recordings), IMAGES / "film-strip", (".png",))
 
 
 if __name__ == "__main__":

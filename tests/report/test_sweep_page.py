@@ -10,7 +10,6 @@ import pytest
 from fabricate import make_sweep
 from PIL import Image
 
-from lanewise.errors import LanewiseError
 from lanewise.evaluation.grid import Grid, fold, pool
 from lanewise.report import sweep_map, sweep_page
 from lanewise.report.sweep_map import MapAxes
@@ -66,13 +65,6 @@ def test_bright_is_good_in_both_rows():
 )
 def test_only_all_and_nothing_are_written_as_such(percent, text):
     assert sweep_map.figure_of(percent) == text
-
-
-def test_no_cells_and_wrong_names_are_refused(tmp_path):
-    with pytest.raises(LanewiseError, match="no starts to draw"):
-        sweep_map.write_map([], tmp_path / "map.png")
-    with pytest.raises(LanewiseError, match=r"must end in \.png or \.svg"):
-        sweep_map.write_map(make_sweep(SMALL).cells, tmp_path / "map.pdf")
 
 
 def test_a_sweep_on_disk(tmp_path):

@@ -23,6 +23,7 @@ from lanewise.report import (
     tables,
     training_curves,
 )
+from lanewise.report.figure_style import save
 from lanewise.report.markup import cell, code
 from lanewise.report.output_files import write_text
 from lanewise.runs import metrics as run_metrics
@@ -86,8 +87,7 @@ def _draw(
     drives.write(out, results)
     lines = [line for result in _in_curves(results) for line in result.seeds[0].whole_training]
     if chunks := [line for line in lines if line["kind"] == "chunk"]:
-        for suffix in figures.SUFFIXES:
-            training_curves.write_stages(chunks, out / f"curves{suffix}")
+        save(training_curves.draw_stages(chunks), out / "curves")
     told = Content(experiment, command, results, _ledger(results), drawn, made, times)
     text = _markdown(told)
     write_text(out / "report.json", stored.text(told))

@@ -12,7 +12,7 @@ from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import Recording
 from lanewise.extras import needed_for
 from lanewise.report.frame import COLOURS, SIZE, frame
-from lanewise.report.output_files import check_suffix, replacing
+from lanewise.report.output_files import replacing
 
 with needed_for("a clip"):
     from PIL import Image
@@ -31,7 +31,10 @@ def check_name(path: Path | str) -> str:
     Raises:
         LanewiseError: if it is neither .gif nor .mp4.
     """
-    return check_suffix(path, SUFFIXES)
+    suffix = Path(path).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise LanewiseError(f"cannot write {path}: the name must end in {' or '.join(SUFFIXES)}")
+    return suffix
 
 
 def render(recording: Recording, path: Path | str, size: tuple[int, int] = SIZE) -> None:

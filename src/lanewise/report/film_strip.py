@@ -1,7 +1,6 @@
 """The paper's film strip: controllers side by side from above, at the same moments."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -32,10 +31,9 @@ NAMES = ("ego (E)", "trap cars (numbered)", "traffic")
 """In the legend, by role."""
 
 
-def write(
-    columns: Mapping[str, Recording], path: Path | str, *, times: Sequence[float] = TIMES
-) -> None:
-    """Draw moments of one episode per controller into a PNG or SVG file.
+@style.look()
+def draw(columns: Mapping[str, Recording], *, times: Sequence[float] = TIMES) -> Figure:
+    """Moments of one episode per controller.
 
     Under each frame stand the instant reward r_t of the decision that ended at t, the accumulated
     reward R_t (one reward a second so far) and the speed; right of them, what has become of the
@@ -43,19 +41,11 @@ def write(
 
     Args:
         columns: by title, left to right, at most two.
-        path: ending in .png or .svg.
         times: s, top to bottom.
 
     Raises:
-        LanewiseError: if there is no recording or no moment, too many recordings, or the file
-            cannot be written.
+        LanewiseError: if there is no recording or no moment, or too many recordings.
     """
-    style.write(path, lambda: draw(columns, times=times))
-
-
-@style.look()
-def draw(columns: Mapping[str, Recording], *, times: Sequence[float] = TIMES) -> Figure:
-    """The figure of `write`."""
     if not columns or not times:
         raise LanewiseError("a film strip needs a recording and a moment")
     if len(columns) > MOST:

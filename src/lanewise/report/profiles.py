@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -48,8 +47,9 @@ class Profile:
     """(s, the ego's speed, accumulated reward) at each accident within `time`."""
 
 
-def write(arms: Arms, path: Path | str, *, seconds: float = SECONDS) -> None:
-    """Draw the arms' profiles into a PNG or SVG file.
+@style.look()
+def draw(arms: Arms, *, seconds: float = SECONDS) -> Figure:
+    """The arms' profiles.
 
     Curves are means over the episodes still under way; bands hold the middle 80 % of them. An
     accident is a cross: from then on its episode counts in the accumulated reward only, which
@@ -58,19 +58,12 @@ def write(arms: Arms, path: Path | str, *, seconds: float = SECONDS) -> None:
 
     Args:
         arms: recordings; controllers look the same in every figure.
-        path: ending in .png or .svg.
         seconds: how far to draw.
 
     Raises:
         LanewiseError: if there is no arm, an arm without a recording, recordings of one arm with
-            different decision rates, too many arms, or the file cannot be written.
+            different decision rates, or too many arms.
     """
-    style.write(path, lambda: draw(arms, seconds=seconds))
-
-
-@style.look()
-def draw(arms: Arms, *, seconds: float = SECONDS) -> Figure:
-    """The figure of `write`."""
     if not arms:
         raise LanewiseError("there is no recording to draw")
     looks = style.styles(arms)

@@ -1,7 +1,6 @@
 """Every arm, seed by seed: a dot a seed, a line at their mean, the published value dashed."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from textwrap import fill
 
 import numpy as np
@@ -31,23 +30,14 @@ SPREAD = 0.22
 """How far the dots of a row are spread around its middle, so that equal values do not overlap."""
 
 
-def write(arms: Sequence[ArmFigures], world: str, path: Path | str) -> None:
-    """Draw the tests of every arm in a world into a PNG or SVG file.
+@style.look()
+def draw(arms: Sequence[ArmFigures], world: str) -> Figure:
+    """The tests of every arm in a world.
 
     Args:
         arms: from above to below; those without a test in the world are left out.
-        world: where they drove.
-        path: ending in .png or .svg.
-
-    Raises:
-        LanewiseError: if the file cannot be written.
+        world: its name.
     """
-    style.write(path, lambda: draw(arms, world))
-
-
-@style.look()
-def draw(arms: Sequence[ArmFigures], world: str) -> Figure:
-    """The figure of `write`."""
     tested = [arm for arm in arms if arm.tests.get(world)]
     metrics = [metric for name in SHOWN for metric in METRICS if metric.name == name]
     figure = Figure(figsize=(style.WIDTH, HEAD + ROW * len(tested)), layout="constrained")

@@ -6,11 +6,9 @@ be won a corner is hatched, where none can all of it is.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from lanewise.errors import LanewiseError
 from lanewise.evaluation.grid import Cell, fold, pool
 from lanewise.extras import needed_for
 from lanewise.report import figure_style as style
@@ -61,25 +59,9 @@ class MapAxes:
     """One column of panels for each value."""
 
 
-def write_map(cells: Sequence[Cell], path: Path | str, view: MapAxes | None = None) -> None:
-    """Draw a map into a PNG or SVG file; the same cells give the same file.
-
-    Args:
-        cells: of a whole grid.
-        path: ending in .png or .svg.
-        view: the axes shown; ego speed, trap speed and lanes if none is given.
-
-    Raises:
-        LanewiseError: if there are no cells, or the file cannot be written.
-    """
-    if not cells:
-        raise LanewiseError("there are no starts to draw")
-    style.write(path, lambda: draw(cells, view or MapAxes()))
-
-
 @style.look()
 def draw(cells: Sequence[Cell], view: MapAxes) -> Figure:
-    """The figure of `write_map`."""
+    """The map of a whole grid's cells."""
     values = {axis: sorted({getattr(c.point, axis) for c in cells}) for axis in LABELS}
     columns = values[view.panel]
     across, down = len(values[view.x]), len(values[view.y])

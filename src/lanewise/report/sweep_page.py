@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from lanewise.evaluation.grid import DENOMINATORS, Cell, Grid, Outcome, Point, Reach, fold, pool
-from lanewise.report import tables
+from lanewise.report import sweep_map, tables
+from lanewise.report.figure_style import save
 from lanewise.report.markup import cell as plain
 from lanewise.report.markup import code, finite
 from lanewise.report.output_files import write_text
 from lanewise.report.provenance import machine, source, versions
-from lanewise.report.sweep_map import MapAxes, figure_of, write_map
+from lanewise.report.sweep_map import MapAxes, figure_of
 
 TITLES = {
     "all": "all starts",
@@ -77,8 +78,7 @@ def write_sweep(directory: Path | str, sweep: SweepResult) -> Path:
         sizes = (len(getattr(sweep.grid, axis)) for axis in (axes.x, axes.y))
         if name == "map" or max(sizes) > 1:
             captions[name] = caption
-            for suffix in (".png", ".svg"):
-                write_map(sweep.cells, directory / f"{name}{suffix}", axes)
+            save(sweep_map.draw(sweep.cells, axes), directory / name)
     write_text(directory / "map.md", _page(sweep, document, captions))
     return directory / "map.md"
 

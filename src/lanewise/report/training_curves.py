@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from math import isfinite, nan
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,8 +41,9 @@ POINTS = 1000
 SETTLED = "epsilon at its final value"
 
 
-def write(arms: Arms, path: Path | str, *, settled: Mapping[str, float] | None = None) -> None:
-    """Draw the arms' training into a PNG or SVG file.
+@style.look()
+def draw(arms: Arms, *, settled: Mapping[str, float] | None = None) -> Figure:
+    """The arms' training.
 
     Each curve is the mean over an arm's seeds of their running means over the last `WINDOW`
     episodes, of fewer at the start; the band runs from the lowest to the highest seed. An arm ends
@@ -52,37 +52,12 @@ def write(arms: Arms, path: Path | str, *, settled: Mapping[str, float] | None =
     Args:
         arms: rows with `escaped`, `success`, `reward` and `speed`; null is a gap. Arms named like
             a controller look the same in every figure.
-        path: ending in .png or .svg.
         settled: by title, the episode at which epsilon came to its final value; marked on the
             curve where the curve reaches so far.
 
     Raises:
-        LanewiseError: if there is no arm, an arm without an episode, too many arms to tell apart,
-            or the file cannot be written.
+        LanewiseError: if there is no arm, an arm without an episode, or too many arms.
     """
-    style.write(path, lambda: draw(arms, settled=settled))
-
-
-def write_stages(rows: Rows, path: Path | str) -> None:
-    """Draw every stage of a run, one line each, into a PNG or SVG file.
-
-    Thin and pale: the rows as recorded. Thick: their running mean over the last 5 % of the stage.
-    A vertical mark shows where exploration has come down to its final epsilon.
-
-    Args:
-        rows: metrics rows with `stage`, `decisions`, `escape_rate`, `success_rate`, `reward`,
-            `speed` and `epsilon`; null is a gap.
-        path: ending in .png or .svg.
-
-    Raises:
-        LanewiseError: if there is no row, or the file cannot be written.
-    """
-    style.write(path, lambda: draw_stages(rows))
-
-
-@style.look()
-def draw(arms: Arms, *, settled: Mapping[str, float] | None = None) -> Figure:
-    """The figure of `write`."""
     if not arms:
         raise LanewiseError("there is no training to draw")
     for title, seeds in arms.items():
@@ -108,7 +83,18 @@ def draw(arms: Arms, *, settled: Mapping[str, float] | None = None) -> Figure:
 
 @style.look()
 def draw_stages(rows: Rows) -> Figure:
-    """The figure of `write_stages`."""
+    """Every stage of a run, one line each.
+
+    Thin and pale: the rows as recorded. Thick: their running mean over the last 5 % of the stage.
+    A vertical mark shows where exploration has come down to its final epsilon.
+
+    Args:
+        rows: metrics rows with `stage`, `decisions`, `escape_rate`, `success_rate`, `reward`,
+            `speed` and `epsilon`; null is a gap.
+
+    Raises:
+        LanewiseError: if there is no row.
+    """
     if not rows:
         raise LanewiseError("there are no metrics to draw; train first")
     stages = list(dict.fromkeys(str(row["stage"]) for row in rows))
