@@ -10,7 +10,7 @@ from typing import Any
 
 from lanewise.errors import one_line
 from lanewise.evaluation.aggregates import Estimate
-from lanewise.evaluation.comparison import COMPARED, Comparison, Difference
+from lanewise.evaluation.comparison import COMPARED, FEWER_IS_BETTER, Comparison, Difference
 from lanewise.evaluation.metrics import METRICS, Metric
 from lanewise.evaluation.paired import RateDifference
 from lanewise.ranges import show
@@ -178,14 +178,14 @@ def sections(comparison: Comparison) -> list[Section]:
     if not comparison.has_seeds:
         return found
     means = [
-        [str(i), *(_mean(metric, arm.interquartile_mean[metric.name]) for metric in SHOWN)]
+        [str(i), *(tables.estimated(m, arm.interquartile_mean[m.name], "\n") for m in SHOWN)]
         for i, arm in enumerate(comparison.arms, 1)
     ]
     found.append(Section("Interquartile mean over the seeds of an arm", units, means))
-    ways = ["more" if COMPARED[metric.name].more_is_better else "fewer" for metric in SHOWN]
+    ways = ["fewer" if metric.name in FEWER_IS_BETTER else "more" for metric in SHOWN]
     for over in range(len(comparison.arms) - 1):
         chances = [
-            [str(each.arm + 1), *(_chance(each.probability[metric.name]) for metric in SHOWN)]
+            [str(each.arm + 1), *(tables.chance(each.probability[m.name], "\n") for m in SHOWN)]
             for each in comparison.improvements
             if each.over == over
         ]
@@ -199,15 +199,6 @@ def _difference(metric: Metric, found: Difference) -> str:
         return f"{value}\n{bounds(metric, found.interval)}".rstrip()
     p_value = f"p {found.p_value:.3f}" if found.p_value >= 0.001 else "p <0.001"
     return f"{value}\n+{found.only_second} -{found.only_first}\n{p_value}"
-
-
-def _mean(metric: Metric, found: Estimate) -> str:
-    return f"{number(metric, found.value)}\n{bounds(metric, found.interval)}".rstrip()
-
-
-def _chance(found: Estimate) -> str:
-    low, high = found.interval
-    return f"{found.value:.2f}" + (f"\n({low:.2f}, {high:.2f})" if isfinite(low) else "")
 
 
 def _on_one_line(lines: str) -> str:

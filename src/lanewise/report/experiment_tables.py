@@ -3,11 +3,16 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite, nan
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
-from lanewise.evaluation import aggregates
+from lanewise.evaluation.aggregates import (
+    estimate,
+    interquartile_mean,
+    probability_of_improvement,
+)
 from lanewise.evaluation.metrics import (
     METRICS,
     PUBLISHED,
@@ -18,7 +23,7 @@ from lanewise.evaluation.metrics import (
 )
 from lanewise.report import tables
 from lanewise.report.markup import cell, line
-from lanewise.report.tables import UNKNOWN, bounds, digits, head, number, scale, spread, unit
+from lanewise.report.tables import UNKNOWN, digits, head, number, scale, spread, unit
 from lanewise.runs.kept import Kept
 
 PAPER = (
@@ -77,6 +82,8 @@ class ArmFigures:
 
 
 Unlike = Callable[[ArmFigures], str | None]
+UNLIKE_TEST: Unlike = attrgetter("unlike_paper")
+UNLIKE_TRAINING: Unlike = attrgetter("unlike_papers_training")
 """How an arm's tests, or its trainings, differ from the published ones."""
 
 
@@ -84,7 +91,7 @@ def tests(arms: Sequence[ArmFigures], world: str) -> str:
     """The paper's test table: means over seeds, the lowest and the highest seed in parentheses."""
     heads = ["arm", "seeds", *(head(metric) for metric in SHOWN)]
     rows = []
-    for arm, published in _beside(arms, PUBLISHED, _unlike_test):
+    for arm, published in _beside(arms, PUBLISHED, UNLIKE_TEST):
         if published:
             rows.append([f"*{cell(arm.controller)}, published*", "-", *_published(arm.controller)])
         if arm.tests.get(world):
@@ -92,7 +99,7 @@ def tests(arms: Sequence[ArmFigures], world: str) -> str:
                 spread([scale(m) * v for v in arm.values(world, m.name)], digits(m)) for m in SHOWN
             )
             rows.append([cell(arm.title), str(len(arm.tests[world])), *cells])
-    return _noted(tables.markdown(heads, rows), _left_out(arms, PUBLISHED, _unlike_test))
+    return _noted(tables.markdown(heads, rows), _left_out(arms, PUBLISHED, UNLIKE_TEST))
 
 
 def every_seed(arms: Sequence[ArmFigures], worlds: Sequence[str]) -> str:
@@ -133,10 +140,14 @@ def over_seeds(arms: Sequence[ArmFigures], reference: str | None, world: str = "
         row = [cell(arm.title)]
         for metric in metrics:
             scores = arm.values(world, metric.name)
-            row.append(_interquartile_mean(metric, scores))
+            known = all(map(isfinite, scores))
+            mean = estimate(interquartile_mean, scores) if known else None
+            row.append(tables.estimated(metric, mean) if mean else UNKNOWN)
             if held is not None:
                 others = held.values(world, metric.name)
-                row.append(UNKNOWN if arm is held else _improvement(scores, others))
+                beside = arm is not held and known and others and all(map(isfinite, others))
+                ahead = estimate(probability_of_improvement, scores, others) if beside else None
+                row.append(tables.chance(ahead) if ahead else UNKNOWN)
         rows.append(row)
     return tables.markdown(heads, rows) + "\n"
 
@@ -146,7 +157,7 @@ def training(arms: Sequence[ArmFigures]) -> str:
     heads = ["arm", "seeds", *(title for _, title, _, _ in TRAINING)]
     rows = []
     trained = [arm for arm in arms if arm.training]
-    for arm, published in _beside(trained, PUBLISHED_TRAINING, _unlike_training):
+    for arm, published in _beside(trained, PUBLISHED_TRAINING, UNLIKE_TRAINING):
         if published:
             figures = PUBLISHED_TRAINING[arm.controller]
             cells = [
@@ -159,7 +170,7 @@ def training(arms: Sequence[ArmFigures]) -> str:
             for name, _, factor, places in TRAINING
         ]
         rows.append([cell(arm.title), str(len(arm.training)), *cells])
-    left = _left_out(trained, PUBLISHED_TRAINING, _unlike_training)
+    left = _left_out(trained, PUBLISHED_TRAINING, UNLIKE_TRAINING)
     return _noted(tables.markdown(heads, rows), left)
 
 
@@ -214,14 +225,14 @@ def text(arms: Sequence[ArmFigures], world: str) -> str:
     """The test table for a terminal, means alone."""
     heads = [["", *(metric.title for metric in SHOWN)], ["", *(unit(metric) for metric in SHOWN)]]
     rows = []
-    for arm, published in _beside(arms, PUBLISHED, _unlike_test):
+    for arm, published in _beside(arms, PUBLISHED, UNLIKE_TEST):
         if published:
             rows.append([f"{arm.controller}, published", *_published(arm.controller)])
         if arm.tests.get(world):
             means = (float(np.mean(arm.values(world, metric.name))) for metric in SHOWN)
             cells = map(number, SHOWN, means)
             rows.append([f"{line(arm.title)} ({len(arm.tests[world])})", *cells])
-    return "\n".join([tables.text(heads, rows), *_left_out(arms, PUBLISHED, _unlike_test)]) + "\n"
+    return "\n".join([tables.text(heads, rows), *_left_out(arms, PUBLISHED, UNLIKE_TEST)]) + "\n"
 
 
 def _beside(
@@ -249,29 +260,5 @@ def _noted(table: str, notes: Sequence[str]) -> str:
     return "\n".join([table, *(["", *map(cell, notes)] if notes else [])]) + "\n"
 
 
-def _unlike_test(arm: ArmFigures) -> str | None:
-    return arm.unlike_paper
-
-
-def _unlike_training(arm: ArmFigures) -> str | None:
-    return arm.unlike_papers_training
-
-
 def _published(controller: str) -> list[str]:
     return [number(metric, PUBLISHED[controller].get(metric.name, nan)) for metric in SHOWN]
-
-
-def _interquartile_mean(metric: Metric, scores: Sequence[float]) -> str:
-    if not all(map(isfinite, scores)):
-        return UNKNOWN
-    interval = aggregates.interquartile_interval(scores)
-    shown = number(metric, aggregates.interquartile_mean(scores))
-    return f"{shown} {bounds(metric, interval)}".rstrip()
-
-
-def _improvement(scores: Sequence[float], others: Sequence[float]) -> str:
-    if not others or not all(map(isfinite, (*scores, *others))):
-        return UNKNOWN
-    value = aggregates.probability_of_improvement(scores, others)
-    low, high = aggregates.improvement_interval(scores, others)
-    return f"{value:.2f} ({low:.2f}, {high:.2f})" if isfinite(low) else f"{value:.2f}"

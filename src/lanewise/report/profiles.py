@@ -148,11 +148,5 @@ def _arm(axes: Axes, one: Profile, name: str, own: Style) -> None:
 
 
 def _cross(colour: str) -> Look:
-    return {
-        "marker": "x",
-        "markersize": 7.0,
-        "markeredgewidth": 1.8,
-        "color": colour,
-        "linestyle": "",
-        "zorder": 5,
-    }
+    size: Look = {"marker": "x", "markersize": 7.0, "markeredgewidth": 1.8}
+    return {**size, "color": colour, "linestyle": "", "zorder": 5}

@@ -5,6 +5,7 @@ from itertools import zip_longest
 from math import isfinite, nan
 from typing import Any
 
+from lanewise.evaluation.aggregates import Estimate
 from lanewise.evaluation.metrics import METRICS, Metric, Summary
 from lanewise.evaluation.statistics import Interval
 from lanewise.report.markup import cell, code, line
@@ -108,6 +109,17 @@ def with_interval(metric: Metric, summary: Summary) -> str:
     """A metric of a test with its interval."""
     shown = number(metric, summary.values.get(metric.name, nan))
     return f"{shown} {bounds(metric, summary.intervals.get(metric.name))}".rstrip()
+
+
+def estimated(metric: Metric, found: Estimate, gap: str = " ") -> str:
+    """A metric over seeds with its interval."""
+    return f"{number(metric, found.value)}{gap}{bounds(metric, found.interval)}".rstrip()
+
+
+def chance(found: Estimate, gap: str = " ") -> str:
+    """A probability with its interval."""
+    low, high = found.interval
+    return f"{found.value:.2f}" + (f"{gap}({low:.2f}, {high:.2f})" if isfinite(low) else "")
 
 
 def spread(values: Sequence[float], places: int) -> str:
