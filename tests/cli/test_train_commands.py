@@ -258,7 +258,7 @@ def test_the_last_line_names_a_folder_that_no_text_can(tmp_path, monkeypatch, ca
     out = tmp_path / os.fsdecode(b"caf\xe9")
     out.mkdir()
     monkeypatch.setattr(maps, "write_sweep", lambda out, found: Path(out) / "map.md")
-    monkeypatch.setattr(maps, "table", lambda cells: "")
+    monkeypatch.setattr(maps, "totals", lambda cells: "")
     folder = SimpleNamespace(controller="planned", seed=0, settings=Settings(), source={})
     command = SimpleNamespace(out=out, episodes=1, seed=0, clearance=0.1)
     sweep._report(

@@ -126,7 +126,9 @@ def totals(cells: Sequence[Cell]) -> str:
     return tables.markdown(["over", "starts", "episodes", *RATES.values()], rows)
 
 
-def _rate(value: float, interval: Sequence[float]) -> str:
+def _rate(value: float, interval: Sequence[float] | None) -> str:
+    if interval is None:
+        return tables.UNKNOWN
     low, high = (f"{100.0 * end:.2f}" for end in interval)
     return f"{100.0 * value:.2f} % ({low}, {high})"
 
