@@ -114,7 +114,7 @@ GATES = (
          "no-such-page.md"),
     page("commands", "commands_are_understood", "docs/usage.md", "",
          "\n```sh\nlanewise train --no-such-flag 3\n```\n", "no-such-flag"),
-    page("results", "results_come_from", "docs/results.md", "", "\nA hundred per cent.\n",
+    page("results", "results_come_from", "README.md", "14.91 (14.72", "15.91 (14.72",
          "run python docs/make_results.py"),
     # Nothing is installed: the file is fetched and held against its hash, and that is all.
     Gate("hashes", "pip install --require-hashes -q --dry-run -I --no-deps -r one.txt",

@@ -5,34 +5,20 @@ from typing import Any
 import ages
 
 from lanewise.bench import ratios, table
-from lanewise.bench.ratios import Ratio
 from lanewise.bench.task import Figure
 
 AGE = ages.mark("results/bench.json", "what it says of updates and trainings")
 
 
-def brief(bench: Any, machine: str) -> str:
+def brief(bench: Any) -> str:
     """What the benchmark's figures say about one another, on all cores."""
-    lines = [
-        f"Speed on {machine}, {bench['date'][:10]}, in one run "
-        f"(`{bench['command']}`); every figure, and what bounds it, is in "
-        "[docs/speed.md](docs/speed.md):",
-        "",
-        AGE,
-        "",
-        "| | | from |",
-        "|---|---:|---|",
+    rows = [
+        [ratio.what, f"{table.number(ratio.value)} {ratio.unit}", ratio.how]
+        for ratio in ratios.of(_measured(bench), bench["machine"]["cores"])
+        if "1 core," not in ratio.what or "decision of one world" in ratio.what
     ]
-    for ratio in _ratios(bench):
-        if "1 core," not in ratio.what or "decision of one world" in ratio.what:
-            lines.append(
-                f"| {ratio.what} | {table.number(ratio.value)} {ratio.unit} | {ratio.how} |"
-            )
+    lines = ["| | | from |", "|---|---:|---|", *("| " + " | ".join(row) + " |" for row in rows)]
     return "\n".join(lines) + "\n"
-
-
-def _ratios(bench: Any) -> list[Ratio]:
-    return ratios.of(_measured(bench), bench["machine"]["cores"])
 
 
 def _measured(bench: Any) -> list[Figure]:

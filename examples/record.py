@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import tyro
 
 from lanewise.fields.suggestions import look_up
-from lanewise.report import files, provenance
+from lanewise.report import output_files, provenance
 
 
 class Example(NamedTuple):
@@ -74,7 +74,7 @@ def main(
         "seeds": rows,
     }
     out.parent.mkdir(parents=True, exist_ok=True)
-    files.write_text(out, json.dumps(stored, indent=1) + "\n")
+    output_files.write_text(out, json.dumps(stored, indent=1) + "\n")
 
 
 def _row(module: Any, steps: int, seed: int) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from lanewise.evaluation.settings import WORLDS, EvaluationSettings
 from lanewise.experiments import evaluate_trained, published
 from lanewise.fields.ranges import EPISODES, SEEDS, FieldType
 from lanewise.fields.suggestions import look_up
-from lanewise.report import files, table
+from lanewise.report import evaluation_table, output_files
 from lanewise.runs import metric_sinks, trained, training_loop
 from lanewise.runs.run_folder import RunFolder, open_high_level
 from lanewise.runs.trained import Trained
@@ -57,11 +57,11 @@ class Evaluation:
 
     def __str__(self) -> str:
         """The table of ``lanewise evaluate``, beside the paper's figures if the test is its own."""
-        return table.text([self.summary]).rstrip("\n")
+        return evaluation_table.text([self.summary]).rstrip("\n")
 
     def table(self, *others: "Evaluation") -> str:
         """This and others side by side, as Markdown."""
-        return table.markdown([self.summary, *(other.summary for other in others)])
+        return evaluation_table.markdown([self.summary, *(other.summary for other in others)])
 
     def record(self, episode: int = 0) -> Recording:
         """An episode frame by frame, driven once more."""
@@ -80,7 +80,7 @@ class Evaluation:
 
         place = PATH.check("path", path)
         clip.check_name(place)
-        files.check_writable(place)
+        output_files.check_writable(place)
         clip.render(self.record(episode), place)
 
     def save(self, path: Path | str) -> None:
@@ -97,11 +97,11 @@ class Evaluation:
             raise LanewiseError(
                 f"cannot write {place}: the episodes go there; let the metrics' name end in .json"
             )
-        files.check_writable(place)
+        output_files.check_writable(place)
         beside = place.with_suffix(".csv")
-        files.check_writable(beside)
-        files.write_text(place, json.dumps(self.summary.to_json(), indent=2) + "\n")
-        files.write_csv(beside, self.episodes)
+        output_files.check_writable(beside)
+        output_files.write_text(place, json.dumps(self.summary.to_json(), indent=2) + "\n")
+        output_files.write_csv(beside, self.episodes)
 
 
 def train(

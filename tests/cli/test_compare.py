@@ -15,7 +15,7 @@ from lanewise import config
 from lanewise.cli.main import main
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import drive
-from lanewise.report import files
+from lanewise.report import output_files
 from lanewise.runs import run_state
 from lanewise.runs.run_folder import RunFolder
 from lanewise.training.plan import TrainingPlan
@@ -160,7 +160,7 @@ def test_a_file_that_cannot_be_written_is_refused_first_and_never_costs_figures(
     def full(path, text):
         raise LanewiseError(f"cannot write {path}: No space left on device")
 
-    monkeypatch.setattr(files, "write_text", full)
+    monkeypatch.setattr(output_files, "write_text", full)
     assert main(["compare", "s0", "s1", "--episodes", "2", "--csv", "c.csv"]) == 2
     output = capsys.readouterr()
     assert output.out.startswith("A  s0")

@@ -18,8 +18,8 @@ from lanewise.errors import LanewiseError
 from lanewise.evaluation import drive
 from lanewise.evaluation import sweep as drives
 from lanewise.evaluation.grid import CAUSES, Outcome, Reach
-from lanewise.report import files
-from lanewise.report import sweep as maps
+from lanewise.report import output_files
+from lanewise.report import sweep_page as maps
 from lanewise.system import folder_io
 from lanewise.system.folder_io import OpenFolder
 
@@ -87,7 +87,7 @@ def test_episodes_that_cannot_be_written_cost_no_figures(run, capsys, tmp_path, 
     def full(path, episodes):
         raise LanewiseError(f"cannot write {path}: No space left on device")
 
-    monkeypatch.setattr(files, "write_csv", full)
+    monkeypatch.setattr(output_files, "write_csv", full)
     out = ["--episodes-out", str(tmp_path / "e.csv")]
     assert main(["evaluate", str(run), "--episodes", "5", *out, *words]) == 2
     said = capsys.readouterr()
@@ -257,7 +257,7 @@ def test_the_last_line_names_a_folder_that_no_text_can(tmp_path, monkeypatch, ca
     out = tmp_path / os.fsdecode(b"caf\xe9")
     out.mkdir()
     monkeypatch.setattr(maps, "write_sweep", lambda out, found: Path(out) / "map.md")
-    monkeypatch.setattr(maps, "table", lambda cells: "")
+    monkeypatch.setattr(maps, "totals", lambda cells: "")
     folder = SimpleNamespace(controller="planned", seed=0, settings=Settings(), source={})
     command = SimpleNamespace(out=out, episodes=1, seed=0, clearance=0.1)
     sweep._report(

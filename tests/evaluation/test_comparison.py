@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from lanewise.errors import LanewiseError
-from lanewise.evaluation import aggregates, comparison, metrics, paired
+from lanewise.evaluation import comparison, metrics, paired
+from lanewise.evaluation.aggregates import estimate, interquartile_mean
 from lanewise.evaluation.comparison import Entry, arm_members, compare
 from lanewise.evaluation.episodes import Episodes
 
@@ -59,16 +60,15 @@ def test_arms_keep_the_value_of_every_seed(found):
     for arm in found.arms:
         for name, values in arm.values.items():
             assert values == tuple(found.summaries[run].values[name] for run in arm.runs)
-            estimate = arm.interquartile_mean[name]
-            assert estimate.value == aggregates.interquartile_mean(values)
-            expected = aggregates.interquartile_interval(values)
-            assert estimate.interval == pytest.approx(expected, nan_ok=True)
+            kept, expected = arm.interquartile_mean[name], estimate(interquartile_mean, values)
+            assert kept.value == expected.value
+            assert kept.interval == pytest.approx(expected.interval, nan_ok=True)
 
 
 def test_one_seed_has_no_interval(found):
-    for estimate in found.arms[1].interquartile_mean.values():
-        assert math.isfinite(estimate.value)
-        assert all(map(math.isnan, estimate.interval))
+    for mean in found.arms[1].interquartile_mean.values():
+        assert math.isfinite(mean.value)
+        assert all(map(math.isnan, mean.interval))
 
 
 def test_summaries_are_those_of_evaluate(found):
@@ -107,8 +107,8 @@ def test_without_repeated_seeds_nothing_is_said_about_arms():
 def test_compared_metrics_are_the_papers_and_our_success():
     assert {*comparison.COMPARED} == {*metrics.PUBLISHED["hierarchical"], "success_rate"}
     summary = metrics.summarise(EPISODES[0], controller="x", world="lanewise")
-    for name, compared in comparison.COMPARED.items():
-        outcomes = compared.outcomes(EPISODES[0])
+    for name, outcome in comparison.COMPARED.items():
+        outcomes = outcome(EPISODES[0])
         assert outcomes.mean() == pytest.approx(summary.values[name])
         metric = next(metric for metric in metrics.METRICS if metric.name == name)
         assert (outcomes.dtype == np.bool_) == metric.rate

@@ -14,7 +14,7 @@ from lanewise.errors import LanewiseError
 from lanewise.evaluation import metrics
 from lanewise.evaluation.episodes import Episodes
 from lanewise.fields.ranges import FieldType
-from lanewise.report import table
+from lanewise.report import tables
 from lanewise.runs import trained
 
 
@@ -193,7 +193,7 @@ def test_the_published_figures_stand_beside_the_papers_test_alone(
     assert tested.summary.unlike_paper == why
     for shown in (str(tested), tested.table()):
         assert ("97.67" in shown) == (why == "")
-        assert (table.LEFT_OUT in shown) == (why != "")
+        assert (tables.LEFT_OUT in shown) == (why != "")
     assert tested.summary.to_json().keys() == found.summary.to_json().keys()
 
 
@@ -206,5 +206,5 @@ def test_a_controller_of_ours_brings_the_settings_that_decide_this(monkeypatch, 
         ours, settings=dataclasses.replace(ours.settings, evaluation=longer)
     )
     found = lanewise.evaluate(other, quiet=True)
-    assert "published" not in str(found).replace(table.LEFT_OUT, "")
+    assert "published" not in str(found).replace(tables.LEFT_OUT, "")
     assert "single-level: evaluation.duration is 40.0, not 25" in str(found)

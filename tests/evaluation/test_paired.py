@@ -10,13 +10,14 @@ from scipy import stats
 from lanewise.evaluation import paired
 
 
-@pytest.mark.parametrize("only_first", [0, 1, 2, 5, 49, 50, 51, 293, 4_900])
-@pytest.mark.parametrize("only_second", [0, 1, 3, 5, 50, 300, 5_000])
-def test_mcnemar_is_the_exact_binomial_test(only_first, only_second):
+@pytest.mark.parametrize("only_first", [0, 2, 49, 50, 293])
+@pytest.mark.parametrize("only_second", [0, 3, 50, 300])
+def test_mcnemar_is_the_exact_binomial_sum(only_first, only_second):
+    """min(1, 2 P(X <= min(b, c))) with X binomial(b + c, 1/2), summed term by term."""
+    fewer, total = min(only_first, only_second), only_first + only_second
+    tail = sum(math.comb(total, k) for k in range(fewer + 1)) / 2**total
     found = paired.mcnemar(only_first, only_second)
-    total = only_first + only_second
-    expected = stats.binomtest(only_first, total, 0.5).pvalue if total else 1.0
-    assert found == pytest.approx(expected, rel=1e-7, abs=1e-300)
+    assert found == pytest.approx(min(1.0, 2.0 * tail), rel=1e-7)
 
 
 def test_mcnemar_by_hand():

@@ -1,8 +1,14 @@
-"""Made-up results: an episode in which the ego gets past two trap cars, curves, outcomes."""
+"""Made-up results: an episode past two trap cars, curves, outcomes, a sweep."""
+
+import random
 
 import numpy as np
 
+from lanewise import config
+from lanewise.config.settings import Settings
 from lanewise.evaluation.episodes import Episodes, Recording
+from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
+from lanewise.report.sweep_page import SweepResult
 
 
 def make_recording(accident: int = 0, goals: bool = True, seconds: float = 25.0) -> Recording:
@@ -115,4 +121,35 @@ def make_episodes(successes: int = 293, total: int = 300) -> Episodes:
         escape_time=np.where(success, 15.0 + rng.normal(size=total), np.nan),
         goals=np.full(total, 10, np.int64),
         goals_timed_out=(np.arange(total) % 4 == 0).astype(np.int64),
+    )
+
+
+def make_sweep(grid: Grid | None = None, episodes: int = 20) -> SweepResult:
+    """A controller that is good near the paper's start, on a grid where fast starts cannot be won.
+
+    At 13 m/s behind 8 m/s nothing can be won; at 13 behind 9 only with D1 beyond 15 m.
+    """
+    grid = grid or Grid()
+    draw = random.Random(0)
+    cells = []
+    for point in grid.points():
+        faster = point.ego_speed - point.trap_speed
+        winnable = faster < 4 or (faster == 4 and point.front_distance > 15.0)
+        reach = Reach(winnable, True, winnable and faster < 4, "4" * 50 if winnable else "", 0)
+        chance = max(0.0, 1.0 - 0.15 * abs(faster)) if winnable else 0.0
+        won = sum(draw.random() < chance for _ in range(episodes))
+        hit = draw.randint(0, episodes - won)
+        outcome = Outcome(episodes, won, hit, 0, 0, 12.5, 9.0, escapes=won + hit // 2)
+        cells.append(Cell(point, reach, outcome))
+    return SweepResult(
+        controller="hierarchical",
+        training_seed=3,
+        trained_by={"commit": "a" * 40, "clean_tree": True, "training": "1" * 12},
+        settings=config.flatten(Settings()),
+        grid=grid,
+        episodes=episodes,
+        seed=1,
+        clearance=0.1,
+        command="lanewise sweep runs/h0 --out maps/h0",
+        cells=cells,
     )

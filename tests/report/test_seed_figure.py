@@ -1,9 +1,10 @@
 """The figure of all seeds: every test is a dot where its number says."""
 
 import numpy as np
-from test_arms import FLAT, OURS, arm
+from test_experiment_tables import FLAT, OURS, arm
 
-from lanewise.report import seeds, style
+from lanewise.report import figure_style as style
+from lanewise.report import seed_figure
 
 SEARCH = arm("search", "search", [100])
 
@@ -18,7 +19,7 @@ def dots(axes, own):
 
 
 def test_every_seed_is_a_dot_and_the_mean_a_line():
-    figure = seeds.draw([OURS, FLAT, SEARCH], "lanewise")
+    figure = seed_figure.draw([OURS, FLAT, SEARCH], "lanewise")
     success = figure.axes[1]
     (ours,) = dots(success, style.STYLES[style.OWN["hierarchical"]])
     np.testing.assert_allclose(ours, [98, 99, 100, 100, 90])
@@ -29,7 +30,7 @@ def test_every_seed_is_a_dot_and_the_mean_a_line():
 
 
 def test_published_values_stand_beside_what_they_are_of():
-    figure = seeds.draw([OURS, FLAT], "lanewise")
+    figure = seed_figure.draw([OURS, FLAT], "lanewise")
     papers, ours, reward = (
         sorted(line.get_xdata()[0] for line in axes.lines if line.get_linewidth() == 0.9)
         for axes in figure.axes
@@ -39,9 +40,9 @@ def test_published_values_stand_beside_what_they_are_of():
     np.testing.assert_allclose(reward, [3.32, 13.2])
 
 
-def test_it_is_written_whatever_the_titles_are(tmp_path):
+def test_it_is_drawn_whatever_the_titles_are(tmp_path):
     strange = arm(
         "a $very$ long title | with ${everything}$ that titles should not have", "h-dqn", [3]
     )
-    seeds.write([strange], "lanewise", tmp_path / "seeds.svg")
+    style.save(seed_figure.draw([strange], "lanewise"), tmp_path / "seeds")
     assert (tmp_path / "seeds.svg").stat().st_size > 1000

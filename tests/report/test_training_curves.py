@@ -1,13 +1,13 @@
-"""The training figure: what is drawn is what the rows say."""
+"""The learning curves: what is drawn is what the rows say."""
 
 import numpy as np
 import pytest
 from fabricate import make_training
-from looking import check_words
 
 from lanewise.errors import LanewiseError
-from lanewise.report import style, training_curves
-from lanewise.report.training_curves import draw
+from lanewise.report import figure_style as style
+from lanewise.report import training_curves
+from lanewise.report.training_curves import draw, draw_stages, running_mean
 
 
 def means(rows, column, window, factor=1.0):
@@ -22,13 +22,17 @@ def lines(axes, own):
     return sorted(found, key=lambda line: -line.get_linewidth())
 
 
-@pytest.mark.parametrize("reward", ["reward", "timestep_reward"])
-def test_curves_and_bands_are_mean_lowest_and_highest_of_the_running_means(reward):
+def test_running_mean_by_hand():
+    smooth = running_mean(np.array([np.nan, 2.0, 4.0, np.nan, 9.0]), 2)
+    np.testing.assert_array_equal(smooth, [np.nan, 2.0, 3.0, 4.0, 9.0])
+
+
+def test_curves_and_bands_are_mean_lowest_and_highest_of_the_running_means():
     seeds = make_training((70, 60, 90))
-    figure = draw({"hierarchical": seeds}, window=7, reward=reward)
-    columns = (("escaped", 100.0), ("success", 100.0), (reward, 1.0), ("speed", 1.0))
+    figure = draw({"hierarchical": seeds})
+    columns = (("escaped", 100.0), ("success", 100.0), ("reward", 1.0), ("speed", 1.0))
     for axes, (column, factor) in zip(figure.axes, columns, strict=True):
-        table = [means(rows, column, 7, factor)[:60] for rows in seeds]
+        table = [means(rows, column, 50, factor)[:60] for rows in seeds]
         curve, low, high = lines(axes, style.STYLES[1])
         for line in (curve, low, high):
             np.testing.assert_array_equal(line.get_xdata(), np.arange(1, 61))
@@ -37,30 +41,6 @@ def test_curves_and_bands_are_mean_lowest_and_highest_of_the_running_means(rewar
         np.testing.assert_allclose(high.get_ydata(), np.max(table, axis=0))
         (band,) = axes.collections
         np.testing.assert_allclose(band.get_paths()[0].get_extents().y1, np.max(table))
-
-
-def without_escapes(seeds):
-    """As a training from before the paper's success stood beside ours left them."""
-    return [[{n: v for n, v in row.items() if n != "escaped"} for row in rows] for rows in seeds]
-
-
-def test_the_papers_success_is_drawn_above_ours_as_far_as_the_rows_tell_it():
-    labels = [axes.get_ylabel().split("\n")[0] for axes in draw({"a": make_training()}).axes]
-    assert labels == ["success (paper), %", "success, %", "reward per episode,", *labels[3:]]
-    old = without_escapes(make_training())
-    assert [a.get_ylabel().split("\n")[0] for a in draw({"a": old}).axes] == labels[1:]
-    both = draw({"a": old, "b": make_training()}, settled={"a": 20.0, "b": 20.0})
-    papers, ours = both.axes[:2]
-    assert np.isnan(lines(papers, style.STYLES[0])[0].get_ydata()).all()
-    assert np.isfinite(lines(papers, style.STYLES[1])[0].get_ydata()).all()
-    assert np.isfinite(lines(ours, style.STYLES[0])[0].get_ydata()).all()
-    check_words(both)
-
-
-def test_each_arm_ends_with_its_shortest_seed():
-    axes = draw({"a": make_training((30, 40)), "b": make_training((50,))}).axes[0]
-    assert lines(axes, style.STYLES[0])[0].get_xdata()[-1] == 30
-    assert lines(axes, style.STYLES[1])[0].get_xdata()[-1] == 50
 
 
 def test_one_seed_has_no_band():
@@ -80,8 +60,7 @@ def test_long_trainings_are_thinned_evenly_and_keep_their_end():
 
 def test_the_mark_stands_on_the_curve_where_epsilon_settled():
     arms = {"a": make_training((60, 60)), "b": make_training((40,))}
-    figure = draw(arms, settled={"a": 20.0, "b": 41.0})
-    for axes in figure.axes:
+    for axes in draw(arms, settled={"a": 20.0, "b": 41.0}).axes:
         marks = [line for line in axes.lines if line.get_marker() != "None"]
         curve = lines(axes, style.STYLES[0])[0]
         (mark,) = marks  # b ended before its epsilon settled
@@ -93,24 +72,31 @@ def test_a_missing_value_is_a_gap_not_a_mean_over_fewer_seeds():
     seeds = make_training((30, 30))
     for row in seeds[0][:5]:
         row["reward"] = None
-    curve = lines(draw({"a": seeds}, window=3).axes[2], style.STYLES[0])[0]
+    curve = lines(draw({"a": seeds}).axes[2], style.STYLES[0])[0]
     assert np.isnan(curve.get_ydata()[:5]).all()
     assert np.isfinite(curve.get_ydata()[5:]).all()
 
 
+def test_each_stage_has_its_own_line_style_and_mark(rows):
+    panel = draw_stages(rows).axes[1]
+    thick = [line for line in panel.lines if line.get_linewidth() > 1.5]
+    assert [line.get_label() for line in thick] == ["single-level", "high-level", "hierarchical"]
+    assert len({line.get_linestyle() + line.get_color() for line in thick}) == 3
+    assert len([line for line in panel.lines if list(line.get_xdata()) == [32000.0] * 2]) == 3
+    np.testing.assert_allclose(thick[1].get_ydata(), means(rows[100:200], "success_rate", 5, 100.0))
+    draw_stages(rows[:1])
+
+
 @pytest.mark.parametrize(
-    ("arms", "more", "message"),
+    ("arms", "message"),
     [
-        ({}, {}, "no training"),
-        ({"a": []}, {}, "a: a training without a finished episode"),
-        ({"a": [*make_training((5,)), []]}, {}, "without a finished episode"),
-        ({"a": make_training((5,))}, {"settled": {"b": 3.0}}, "b: no such training"),
-        ({"a": make_training((5,))}, {"window": 0}, "at least one episode"),
-        ({"a": make_training((5,))}, {"reward": "speed"}, "reward or timestep_reward"),
+        ({}, "no training"),
+        ({"a": []}, "a: a training without a finished episode"),
+        ({"a": [*make_training((5,)), []]}, "without a finished episode"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused(tmp_path, arms, more, message):
-    with pytest.raises(LanewiseError, match=message) as error:
-        training_curves.write(arms, tmp_path / "a.png", **more)
-    assert "\n" not in str(error.value)
-    assert not list(tmp_path.iterdir())
+def test_what_cannot_be_drawn_is_refused(arms, message):
+    with pytest.raises(LanewiseError, match=message):
+        draw(arms)
+    with pytest.raises(LanewiseError, match="no metrics"):
+        draw_stages([])

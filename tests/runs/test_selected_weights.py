@@ -2,7 +2,7 @@
 
 import pytest
 
-from lanewise.report import weights
+from lanewise.report import experiment_tables
 from lanewise.runs import selected_weights
 
 
@@ -47,6 +47,6 @@ def test_weights_that_are_an_outlier_are_told(figures, says):
 
 def test_the_table_holds_kept_and_last_side_by_side():
     seeds = [selected_weights.of_run(lines(kept_success=share))[0] for share in (0.8, 1.0)]
-    row = weights.table({"an arm": seeds}).splitlines()[2]
+    row = experiment_tables.weights({"an arm": seeds}).splitlines()[2]
     assert "| best-validation | 90.0 (90.0 to 90.0) | 90.0 (80.0 to 100.0) | 90.0 (90.0" in row
-    assert row.count("|") == len(weights.HEADS) + 1
+    assert row.count("|") == 3 + 2 * len(experiment_tables.WEIGHTS) + 1

@@ -53,10 +53,10 @@ class Bench:
 def run(parsed: Parsed[Bench]) -> int:
     """Measures; returns the exit code."""
     command = parsed.command
-    from lanewise.report import files
+    from lanewise.report import output_files
 
     if command.out is not None:
-        files.check_writable(command.out)
+        output_files.check_writable(command.out)
         if command.out.exists():
             raise RunError(f"{command.out} exists; choose another file")
     from lanewise.bench import catalogue, peers, ratios, table
@@ -103,7 +103,7 @@ def run(parsed: Parsed[Bench]) -> int:
     finally:
         # Written all the same where the reader has gone.
         if command.out is not None:
-            files.write_text(command.out, json.dumps(result, indent=2) + "\n")
+            output_files.write_text(command.out, json.dumps(result, indent=2) + "\n")
     if interrupted:
         # What was measured so far is kept.
         raise KeyboardInterrupt

@@ -56,9 +56,11 @@ def run(parsed: Parsed[Compare]) -> int:
     command = parsed.command
     folders = [RunFolder.open(pretrained.locate(path)) for path in command.runs]
     settings = _settings(folders, command.scenario_of)
-    from lanewise.report import files
+    from lanewise.report import output_files
 
-    files.check_writable(*(file for file in (command.markdown, command.csv) if file is not None))
+    output_files.check_writable(
+        *(file for file in (command.markdown, command.csv) if file is not None)
+    )
     from lanewise.evaluation import comparison
 
     entries = [
@@ -66,7 +68,7 @@ def run(parsed: Parsed[Compare]) -> int:
         for path, folder in zip(command.runs, folders, strict=True)
     ]
     comparison.arm_members(entries)
-    from lanewise.report import comparison as pages
+    from lanewise.report import comparison_page as pages
     from lanewise.runs import trained
 
     controllers = [
@@ -74,7 +76,7 @@ def run(parsed: Parsed[Compare]) -> int:
         for folder, own in zip(folders, settings, strict=True)
     ]
     episodes = _drive(controllers, command)
-    page = pages.Page(
+    page = pages.ComparisonPage(
         comparison.compare(entries, episodes, command.world),
         config.differences([folder.settings for folder in folders]),
         command.seed,
@@ -84,9 +86,9 @@ def run(parsed: Parsed[Compare]) -> int:
     # Printed first: a file that cannot be written must not cost the figures.
     sys.stdout.write(json.dumps(pages.to_json(page)) + "\n" if command.json else pages.text(page))
     if command.markdown is not None:
-        files.write_text(command.markdown, pages.markdown(page))
+        output_files.write_text(command.markdown, pages.markdown(page))
     if command.csv is not None:
-        files.write_text(command.csv, pages.to_csv(page))
+        output_files.write_text(command.csv, pages.to_csv(page))
     return 0
 
 

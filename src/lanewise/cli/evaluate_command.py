@@ -51,13 +51,13 @@ def run(parsed: Parsed[Evaluate]) -> int:
     command = parsed.command
     name = pretrained.controller_name(command.run)
     check_renewal(command.renewal, command.run, name)
-    from lanewise.report import files
+    from lanewise.report import output_files
 
     if command.episodes_out is not None:
-        files.check_writable(command.episodes_out)
+        output_files.check_writable(command.episodes_out)
     from lanewise.evaluation import metrics
     from lanewise.experiments import evaluate_trained, published
-    from lanewise.report import table
+    from lanewise.report import evaluation_table
     from lanewise.runs import trained
 
     controller = trained.load(command.run)
@@ -72,8 +72,10 @@ def run(parsed: Parsed[Evaluate]) -> int:
         unlike_paper=published.unlike_test(controller.settings),
     )
     # Printed first: a file that cannot be written must not cost the figures.
-    shown = json.dumps(summary.to_json()) + "\n" if command.json else table.text([summary])
+    shown = (
+        json.dumps(summary.to_json()) + "\n" if command.json else evaluation_table.text([summary])
+    )
     sys.stdout.write(shown)
     if command.episodes_out is not None:
-        files.write_csv(command.episodes_out, episodes)
+        output_files.write_csv(command.episodes_out, episodes)
     return 0

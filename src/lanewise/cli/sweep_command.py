@@ -154,13 +154,13 @@ def _identity(command: Sweep, folder: RunFolder, weights: str) -> dict[str, Any]
 
 
 def _report(command: Sweep, grid: Grid, folder: RunFolder, journal: Journal) -> None:
-    from lanewise.report import sweep
+    from lanewise.report import sweep_page
 
     cells = [
         Cell(point, journal.reached[index // grid.traffics], journal.outcomes[index])
         for index, point in enumerate(grid.points())
     ]
-    found = sweep.Sweep(
+    found = sweep_page.SweepResult(
         controller=folder.controller,
         training_seed=folder.seed,
         trained_by=folder.source,
@@ -173,7 +173,7 @@ def _report(command: Sweep, grid: Grid, folder: RunFolder, journal: Journal) -> 
         cells=cells,
     )
     with TemporaryDirectory(prefix="lanewise-map-") as drawn:
-        path = sweep.write_sweep(drawn, found)
+        path = sweep_page.write_sweep(drawn, found)
         publish(Path(drawn), journal.folder, last=path.name)
     journal.folder.unlink(JOURNAL)
-    sys.stdout.write(f"{sweep.table(cells)}\n\nmap: {one_line(command.out / path.name)}\n")
+    sys.stdout.write(f"{sweep_page.totals(cells)}\n\nmap: {one_line(command.out / path.name)}\n")

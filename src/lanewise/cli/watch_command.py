@@ -37,10 +37,10 @@ def run(parsed: Parsed[Watch]) -> int:
     if command.out.suffix.lower() not in FORMATS:
         raise SettingsError(f"--out must end in .gif or .mp4, got {command.out}")
     pretrained.controller_name(command.run)
-    from lanewise.report import files
+    from lanewise.report import output_files
 
     extras.check()
-    files.check_writable(command.out)
+    output_files.check_writable(command.out)
     from lanewise.experiments import evaluate_trained
     from lanewise.report import clip
     from lanewise.runs import trained

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lanewise.envs.functional import State, Trap
 from lanewise.evaluation.episodes import Recording
-from lanewise.report import scene
+from lanewise.report.frame import frame
 from lanewise.scenario import trap
 from lanewise.world.state import World
 
@@ -75,4 +75,4 @@ def drawn(
         escaped=one(success, np.bool_),
         accident=accident,
     )
-    return np.asarray(scene.frame(still, time))
+    return np.asarray(frame(still, time))

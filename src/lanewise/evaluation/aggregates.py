@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 
 from lanewise.evaluation.statistics import CONFIDENCE, Interval
 
@@ -33,13 +34,13 @@ RESAMPLES = 10_000
 TRIM = 0.25
 """Share of the scores left out at either end."""
 
-_BLOCK = 1_000
+_BATCH = 1_000
 """Resamples drawn at once, which bounds the memory."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A figure over seeds."""
+    """A statistic over seeds."""
 
     value: float
     """In the unit of the scores, or a fraction of 1."""
@@ -52,33 +53,27 @@ class Estimate:
         return {"value": self.value, "interval": list(self.interval) if known else None}
 
 
-def interquartile_mean(scores: ArrayLike) -> float:
+def interquartile_mean(scores: Scores) -> Scores:
     """Mean of the middle half of all scores: floor(n / 4) are left out at either end.
 
-    Whole scores are left out, as in rliable and `scipy.stats.trim_mean`, and none is weighted by a
-    fraction, so that the figures can be held against those of other papers. It follows that it is
-    the plain mean for fewer than 4 scores, and leaves out one of 5 at either end.
+    Whole scores are left out, as in rliable, and none is weighted by a fraction, so that the
+    figures can be compared with those of other papers. It follows that it is the plain mean for
+    fewer than 4 scores, and leaves out one of 5 at either end.
 
     Source: Agarwal et al. 2021, section 4.3.
 
     Args:
-        scores: [seeds] or [seeds, tasks], in any unit; tasks in one unit, as they are pooled.
+        scores: [..., seeds, tasks], in any unit; tasks in one unit, as they are pooled.
 
     Returns:
-        In the unit of the scores.
-
-    Raises:
-        ValueError: if there is no score, or one is not finite.
+        [...], in the unit of the scores.
     """
-    return float(_interquartile_mean(_table(scores)))
+    pooled = scores.reshape(*scores.shape[:-2], -1)
+    middle: Scores = stats.trim_mean(pooled, TRIM, axis=-1)
+    return middle
 
 
-def interquartile_interval(scores: ArrayLike, **bootstrap: Any) -> Interval:
-    """Bootstrap interval of `interquartile_mean`; for the options see `bootstrap_interval`."""
-    return bootstrap_interval(_interquartile_mean, scores, **bootstrap)
-
-
-def probability_of_improvement(scores: ArrayLike, others: ArrayLike) -> float:
+def probability_of_improvement(scores: Scores, others: Scores) -> Scores:
     """How likely a new seed of one arm scores higher than a new seed of another: P(X > Y).
 
     The share of all pairs of seeds (X of the one, Y of the other) with X > Y, a tie counting one
@@ -88,35 +83,32 @@ def probability_of_improvement(scores: ArrayLike, others: ArrayLike) -> float:
     Source: Agarwal et al. 2021, section 4.3.
 
     Args:
-        scores: [n] or [n, tasks] of the arm that may be ahead; higher is better.
-        others: [m] or [m, tasks] of the other arm.
+        scores: [..., n, tasks] of the arm that may be ahead; higher is better.
+        others: [..., m, tasks] of the other arm.
 
     Returns:
-        A fraction of 1.
+        [...], fractions of 1.
 
     Raises:
-        ValueError: if an arm has no score, one is not finite, or the tasks are not as many.
+        ValueError: the tasks are not as many.
     """
-    return float(_improvement(_table(scores), _table(others)))
+    if scores.shape[-1] != others.shape[-1]:
+        raise ValueError(f"{scores.shape[-1]} tasks cannot be paired with {others.shape[-1]}")
+    ahead = np.sign(scores[..., :, None, :] - others[..., None, :, :])
+    share: Scores = (ahead.mean(axis=(-3, -2, -1)) + 1.0) / 2.0
+    return share
 
 
-def improvement_interval(scores: ArrayLike, others: ArrayLike, **bootstrap: Any) -> Interval:
-    """Bootstrap interval of `probability_of_improvement`, both arms being resampled."""
-    return bootstrap_interval(_improvement, scores, others, **bootstrap)
-
-
-def bootstrap_interval(
+def estimate(
     statistic: Callable[..., Scores],
     *arms: ArrayLike,
     seed: int = 0,
     resamples: int = RESAMPLES,
-    confidence: float = CONFIDENCE,
-    same_seeds: bool = False,
-) -> Interval:
-    """Percentile interval of a statistic under the stratified bootstrap.
+) -> Estimate:
+    """A statistic with its 95 % percentile interval under the stratified bootstrap.
 
     Seeds are drawn anew, with replacement, inside every stratum (arm and task), and the statistic
-    is computed from each resample; the ends are its (1 -/+ confidence) / 2 quantiles.
+    is computed from each resample; the ends are its 2.5 % and 97.5 % quantiles.
 
     Source: Efron, "Bootstrap methods", Annals of Statistics 7 (1979); Agarwal et al. 2021.
 
@@ -124,32 +116,39 @@ def bootstrap_interval(
         statistic: takes one array [..., seeds, tasks] an arm, and gives [...].
         arms: the scores of each, [seeds] or [seeds, tasks].
         seed: of the resampling; the same seed and scores give the same interval.
-        resamples: how many.
-        confidence: between 0 and 1.
-        same_seeds: draw the seeds of an arm once for all its tasks instead of task by task. Right
-            where the same trained controllers drove every task: their scores go up and down
-            together, and drawing task by task would make the interval too narrow.
+        resamples: number of resamples.
 
     Returns:
-        Low and high end; NaN where the bootstrap cannot tell: an arm of one seed, or no spread
-        (such as equal seeds), where an interval without width would pretend to be certain.
+        Value and interval. Its ends are NaN where the bootstrap cannot tell: an arm of one seed,
+        or no spread (such as equal seeds), where an interval without width would pretend to be
+        certain.
 
     Raises:
         ValueError: if an arm has no score, one is not finite, or the tasks are not as many.
     """
     tables = [_table(scores) for scores in arms]
+    value = float(statistic(*tables))
     if min(len(table) for table in tables) < 2:
-        return nan, nan
-    random = np.random.default_rng(seed)
-    drawn = np.concatenate(
-        [
-            statistic(*(_resample(random, table, count, same_seeds) for table in tables))
-            for count in _block_sizes(resamples)
-        ]
+        return Estimate(value, (nan, nan))
+    ends = np.cumsum([table.shape[1] for table in tables])
+
+    def of_strata(*strata: Scores, axis: int) -> Scores:
+        starts = zip((0, *ends[:-1]), ends, strict=True)
+        return statistic(*(np.stack(strata[start:end], axis=-1) for start, end in starts))
+
+    # scipy resamples each of its samples alone, which is what makes them strata.
+    found = stats.bootstrap(
+        [column for table in tables for column in table.T],
+        of_strata,
+        n_resamples=resamples,
+        batch=_BATCH,
+        vectorized=True,
+        confidence_level=CONFIDENCE,
+        method="percentile",
+        rng=np.random.default_rng(seed),
     )
-    tail = (1.0 - confidence) / 2.0
-    low, high = (float(end) for end in np.quantile(drawn, (tail, 1.0 - tail)))
-    return (low, high) if low < high else (nan, nan)
+    low, high = (float(end) for end in found.confidence_interval)
+    return Estimate(value, (low, high) if low < high else (nan, nan))
 
 
 def _table(scores: ArrayLike) -> Scores:
@@ -161,33 +160,3 @@ def _table(scores: ArrayLike) -> Scores:
     if not np.isfinite(table).all():
         raise ValueError("a score is not finite")
     return table
-
-
-def _block_sizes(resamples: int) -> list[int]:
-    whole, rest = divmod(resamples, _BLOCK)
-    return [_BLOCK] * whole + [rest] * bool(rest)
-
-
-def _resample(random: np.random.Generator, table: Scores, count: int, same_seeds: bool) -> Scores:
-    """[count, seeds, tasks] drawn from a table."""
-    seeds, tasks = table.shape
-    rows = random.integers(seeds, size=(count, seeds, 1 if same_seeds else tasks))
-    drawn: Scores = table[rows, np.arange(tasks)]
-    return drawn
-
-
-def _interquartile_mean(scores: Scores) -> Scores:
-    """[..., seeds, tasks] to [...]."""
-    ordered = np.sort(scores.reshape(*scores.shape[:-2], -1), axis=-1)
-    cut = int(TRIM * ordered.shape[-1])
-    middle: Scores = ordered[..., cut : ordered.shape[-1] - cut].mean(axis=-1)
-    return middle
-
-
-def _improvement(scores: Scores, others: Scores) -> Scores:
-    """[..., n, tasks] and [..., m, tasks] to [...]."""
-    if scores.shape[-1] != others.shape[-1]:
-        raise ValueError(f"{scores.shape[-1]} tasks cannot be paired with {others.shape[-1]}")
-    ahead = np.sign(scores[..., :, None, :] - others[..., None, :, :])
-    share: Scores = (ahead.mean(axis=(-3, -2, -1)) + 1.0) / 2.0
-    return share

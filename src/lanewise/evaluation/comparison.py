@@ -12,8 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
-from lanewise.evaluation import aggregates, metrics, paired
-from lanewise.evaluation.aggregates import Estimate
+from lanewise.evaluation import metrics, paired
+from lanewise.evaluation.aggregates import (
+    Estimate,
+    estimate,
+    interquartile_mean,
+    probability_of_improvement,
+)
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.metrics import Summary
 from lanewise.evaluation.paired import MeanDifference, RateDifference
@@ -21,28 +26,17 @@ from lanewise.evaluation.paired import MeanDifference, RateDifference
 Difference = MeanDifference | RateDifference
 
 
-@dataclass(frozen=True)
-class Compared:
-    """How a metric is compared."""
-
-    outcomes: Callable[[Episodes], NDArray[Any]]
-    """Its value for every episode: bool for a rate."""
-    more_is_better: bool = True
-    """Which way is ahead."""
-
-
-COMPARED: Mapping[str, Compared] = {
-    "escape_rate": Compared(lambda episodes: episodes.escaped),
-    "success_rate": Compared(lambda episodes: episodes.success),
-    "accident_rate": Compared(lambda episodes: episodes.accident != 0, more_is_better=False),
-    "accumulated_reward": Compared(lambda episodes: episodes.accumulated_reward),
-    "average_speed": Compared(lambda episodes: episodes.average_speed),
-    "travel_distance": Compared(lambda episodes: episodes.travel_distance),
+COMPARED: Mapping[str, Callable[[Episodes], NDArray[Any]]] = {
+    "escape_rate": lambda episodes: episodes.escaped,
+    "success_rate": lambda episodes: episodes.success,
+    "accident_rate": lambda episodes: episodes.accident != 0,
+    "accumulated_reward": lambda episodes: episodes.accumulated_reward,
+    "average_speed": lambda episodes: episodes.average_speed,
+    "travel_distance": lambda episodes: episodes.travel_distance,
 }
-"""The paper's metrics and our success, by name.
-
-More speed and distance count as better, as in the paper.
-"""
+"""The paper's metrics and our success, by name: a value for every episode, bool for a rate."""
+FEWER_IS_BETTER = ("accident_rate",)
+"""The others count as better the more they are, speed and distance too, as in the paper."""
 
 
 @dataclass(frozen=True)
@@ -154,8 +148,8 @@ def arm_members(runs: Sequence[Entry]) -> list[tuple[int, ...]]:
 
 def _differences(first: Episodes, other: Episodes) -> dict[str, Difference]:
     found: dict[str, Difference] = {}
-    for name, compared in COMPARED.items():
-        before, after = compared.outcomes(first), compared.outcomes(other)
+    for name, outcomes in COMPARED.items():
+        before, after = outcomes(first), outcomes(other)
         is_rate = before.dtype == np.bool_
         found[name] = (paired.rate_difference if is_rate else paired.mean_difference)(before, after)
     return found
@@ -168,12 +162,7 @@ def _arm(runs: Sequence[Entry], summaries: Sequence[Summary], numbers: tuple[int
         numbers,
         tuple(runs[n].seed for n in numbers),
         values,
-        {
-            name: Estimate(
-                aggregates.interquartile_mean(scores), aggregates.interquartile_interval(scores)
-            )
-            for name, scores in values.items()
-        },
+        {name: estimate(interquartile_mean, scores) for name, scores in values.items()},
     )
 
 
@@ -190,11 +179,8 @@ def _improvements(arms: Sequence[Arm]) -> tuple[Improvement, ...]:
 
 def _probability(arm: Arm, over: Arm) -> dict[str, Estimate]:
     found = {}
-    for name, compared in COMPARED.items():
-        sign = 1.0 if compared.more_is_better else -1.0
+    for name in COMPARED:
+        sign = -1.0 if name in FEWER_IS_BETTER else 1.0
         scores, others = (sign * np.asarray(side.values[name]) for side in (arm, over))
-        found[name] = Estimate(
-            aggregates.probability_of_improvement(scores, others),
-            aggregates.improvement_interval(scores, others),
-        )
+        found[name] = estimate(probability_of_improvement, scores, others)
     return found

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import stats
 
 from lanewise.evaluation import statistics
 from lanewise.evaluation.statistics import Interval
@@ -88,8 +89,7 @@ def mcnemar(only_first: int, only_second: int) -> float:
     """Exact two-sided p-value of McNemar's test on the counts of discordant pairs.
 
     Pairs with equal outcomes say nothing. If neither side is ahead, each discordant pair falls to
-    either with 1/2, so p = min(1, 2 P(X <= min(b, c))) with X binomial(b + c, 1/2), whose
-    distribution function is the incomplete beta function I_1/2(n - k, k + 1).
+    either with 1/2, which is the binomial test.
 
     Source: McNemar, Psychometrika 12 (1947); Agresti, Categorical Data Analysis (2002), 10.1.
 
@@ -100,11 +100,8 @@ def mcnemar(only_first: int, only_second: int) -> float:
     Returns:
         Between 0 and 1; 1 where no pair is discordant.
     """
-    fewer, total = min(only_first, only_second), only_first + only_second
-    if 2 * fewer >= total - 1:
-        # As even as the total allows: P(X <= k) is one half or more.
-        return 1.0
-    return min(1.0, 2.0 * statistics.incomplete_beta(total - fewer, fewer + 1.0, 0.5))
+    total = only_first + only_second
+    return float(stats.binomtest(only_first, total).pvalue) if total else 1.0
 
 
 def _pairs(first: ArrayLike, second: ArrayLike) -> tuple[Any, Any]:

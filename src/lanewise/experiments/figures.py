@@ -6,24 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from lanewise.evaluation.settings import WORLDS
-from lanewise.experiments.results import ArmResult, SeedResult
-from lanewise.report import (
-    film_strip,
-    framework,
-    goal_track,
-    profiles,
-    seeds,
-    start_ranges,
-    training_curves,
-    trap_schematic,
-    two_steps,
-)
-from lanewise.report.arms import ArmFigures
+from lanewise.experiments.results import ArmResult
+from lanewise.report import film_strip, goal_figure, profiles, seed_figure, training_curves
+from lanewise.report.experiment_tables import ArmFigures
+from lanewise.report.figure_style import Figure, save
 from lanewise.runs import metrics_file
 
 FOLDER = "figures"
 """Below the report."""
-SUFFIXES = (".png", ".svg")
 COMPARED = ("single-level", "hierarchical")
 """The paper's two controllers, in its order."""
 CURVES = (*COMPARED, "planned", "h-dqn")
@@ -46,9 +36,6 @@ class Drawn:
     """What it shows, and what the paper calls it."""
 
 
-Draw = Callable[[Path], None]
-
-
 def write(out: Path, results: Sequence[ArmResult]) -> list[Drawn]:
     """Draw every figure that the results allow, as PNG and SVG below ``out``.
 
@@ -56,10 +43,9 @@ def write(out: Path, results: Sequence[ArmResult]) -> list[Drawn]:
         What was drawn, in the order of the report.
     """
     drawn = []
-    for figure, draw in _figures({result.arm.name: result for result in results}):
-        for suffix in SUFFIXES:
-            draw(out / FOLDER / f"{figure.name}{suffix}")
-        drawn.append(figure)
+    for each, figure in _figures({result.arm.name: result for result in results}):
+        save(figure, out / FOLDER / each.name)
+        drawn.append(each)
     return drawn
 
 
@@ -69,13 +55,11 @@ def of_seeds(arms: Sequence[ArmFigures], out: Path) -> Drawn:
         "seeds",
         "Tests of every arm: a dot a seed, a line at their mean, published values dashed",
     )
-    for suffix in SUFFIXES:
-        seeds.write(arms, WORLDS[0], out / FOLDER / f"{drawn.name}{suffix}")
+    save(seed_figure.draw(arms, WORLDS[0]), out / FOLDER / drawn.name)
     return drawn
 
 
-def _figures(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Draw]]:
-    yield from _schematics(next(iter(arms.values())).seeds[0])
+def _figures(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Figure]]:
     yield from _curves(arms)
     if all(name in arms for name in COMPARED):
         pair = {name: arms[name] for name in COMPARED}
@@ -88,25 +72,11 @@ def _figures(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Draw]]:
                 "Goals the high level chose along one test episode, and what became of "
                 "each (not in the paper)",
             ),
-            lambda path: goal_track.write(first, path),
+            goal_figure.draw(first),
         )
 
 
-def _schematics(seed: SeedResult) -> Iterator[tuple[Drawn, Draw]]:
-    settings = seed.job.settings
-    yield (
-        Drawn("trap", "The trap at its test start"),
-        lambda path: trap_schematic.write(settings.scenario, path),
-    )
-    yield (
-        Drawn("start-ranges", "D1 and D2: training ranges and test start"),
-        lambda path: start_ranges.write(settings.scenario, path),
-    )
-    yield Drawn("framework", "The framework"), lambda path: framework.write(settings, path)
-    yield Drawn("two-steps", "Two-step training"), lambda path: two_steps.write(settings, path)
-
-
-def _curves(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Draw]]:
+def _curves(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Figure]]:
     """Both successes, reward and speed over training episodes; an arm's last stage."""
     both = {name: arms[name] for name in CURVES if name in arms}
     if both:
@@ -119,7 +89,7 @@ def _curves(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Draw]]:
                 "whose episodes last differently long (`duration` in their settings) differ in "
                 "reward an episode for that alone",
             ),
-            lambda path: training_curves.write(rows, path, settled=settled),
+            training_curves.draw(rows, settled=settled),
         )
     schedules = {name: arms[name] for name in SCHEDULES if name in arms}
     if len(schedules) > 1:
@@ -130,7 +100,7 @@ def _curves(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Draw]]:
                 f"The single-level controller under {len(schedules)} exploration schedules "
                 "(the paper's comparison)",
             ),
-            lambda path: training_curves.write(own, path, settled=marks),
+            training_curves.draw(own, settled=marks),
         )
 
 
@@ -147,7 +117,7 @@ def _training(
     return rows, settled
 
 
-def _drives(pair: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Draw]]:
+def _drives(pair: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Figure]]:
     """What both controllers do: profiles over seeds, and a film strip of the first seed."""
     longer = {
         name: [seed.record(i, PROFILE_SECONDS) for seed in result.seeds for i in range(PROFILED)]
@@ -159,10 +129,10 @@ def _drives(pair: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Draw]]:
             f"Speed and reward over the first {PROFILE_SECONDS} timesteps, "
             f"{PROFILED} drives of every seed (the paper's profiles)",
         ),
-        lambda path: profiles.write(longer, path),
+        profiles.draw(longer),
     )
     firsts = {name: result.seeds[0].record() for name, result in pair.items()}
     yield (
         Drawn("film-strip", "Both controllers from above, same start (the paper's film strip)"),
-        lambda path: film_strip.write(firsts, path),
+        film_strip.draw(firsts),
     )

@@ -11,7 +11,7 @@ from typing import Any
 
 from lanewise import config
 from lanewise.controllers.registry import CONTROLLERS, TRAINABLE
-from lanewise.report.escape import cell
+from lanewise.report.markup import cell
 
 _QUOTED = re.compile(r"`(\*?[a-z_]*(?:\.[a-z_]+)+)`")
 HEADS = ("#", "the paper", "here", "literal or other reading", "why")

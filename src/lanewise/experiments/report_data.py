@@ -12,7 +12,7 @@ from lanewise.experiments.claims import Claim
 from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.figures import Drawn
 from lanewise.experiments.results import ArmResult, SeedResult
-from lanewise.report.arms import ArmFigures
+from lanewise.report.experiment_tables import ArmFigures
 from lanewise.runs.selected_weights import SelectedWeights
 
 

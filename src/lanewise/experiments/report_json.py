@@ -8,8 +8,8 @@ from lanewise.evaluation import metrics
 from lanewise.experiments import drives, published
 from lanewise.experiments.report_data import ReportData, paired
 from lanewise.experiments.results import ArmResult, SeedResult
-from lanewise.report import arms as tables
-from lanewise.report.escape import finite
+from lanewise.report import experiment_tables
+from lanewise.report.markup import finite
 
 
 def text(data: ReportData) -> str:
@@ -50,8 +50,8 @@ def _arm_json(result: ArmResult) -> dict[str, Any]:
 def _seed_json(seed: SeedResult) -> dict[str, Any]:
     tests = {world: test.summary.to_json() for world, test in seed.tests.items()}
     last = {
-        name: tables.last_mean(seed.episodes, name)
-        for name, *_ in tables.TRAINING
+        name: experiment_tables.last_mean(seed.episodes, name)
+        for name, *_ in experiment_tables.TRAINING
         if seed.job.trains
     }
     pair = paired(seed)

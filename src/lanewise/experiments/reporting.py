@@ -23,11 +23,18 @@ from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.figures import COMPARED, FOLDER, PROFILE_SECONDS, SCHEDULES
 from lanewise.experiments.report_data import ReportData
 from lanewise.experiments.results import ArmResult, SeedResult
-from lanewise.report import arms as tables
-from lanewise.report import clip, page, provenance, table, weights
-from lanewise.report.curves import write_curves
-from lanewise.report.escape import cell, code
-from lanewise.report.files import write_text
+from lanewise.report import (
+    clip,
+    evaluation_table,
+    experiment_tables,
+    html_page,
+    provenance,
+    tables,
+    training_curves,
+)
+from lanewise.report.figure_style import save
+from lanewise.report.markup import cell, code
+from lanewise.report.output_files import write_text
 from lanewise.runs import metrics_file
 from lanewise.system.folder_io import OpenFolder, publish
 
@@ -89,12 +96,11 @@ def _draw(
     drives.write(out, results)
     lines = [line for result in _in_curves(results) for line in result.seeds[0].whole_training]
     if chunks := [line for line in lines if line["kind"] == "chunk"]:
-        for suffix in figures.SUFFIXES:
-            write_curves(chunks, out / f"curves{suffix}")
+        save(training_curves.draw_stages(chunks), out / "curves")
     data = ReportData(experiment, command, results, _ledger(results), drawn, made, times)
     text = _markdown(data)
     write_text(out / "report.json", report_json.text(data))
-    write_text(out / "report.html", page.render(text, experiment.title, out))
+    write_text(out / "report.html", html_page.render(text, experiment.title, out))
     write_text(out / REPORT, text)
     return _text(data)
 
@@ -154,7 +160,7 @@ def _markdown(data: ReportData) -> str:
         *_figure_part(data),
         *_reading_part(data),
         "## What the figures mean",
-        table.meanings(),
+        tables.meanings(),
         *_origin_part(data),
     ]
     return "\n\n".join(part.rstrip() for part in parts if part) + "\n"
@@ -165,20 +171,24 @@ def _test_part(data: ReportData) -> list[str]:
     rows = data.figures
     if not data.arm_by_arm:
         summaries = [s for arm in rows for world in WORLDS for s in arm.tests.get(world, ())]
-        return ["## Test episodes", table.markdown(summaries), _pairs(data.paired)]
+        return ["## Test episodes", evaluation_table.markdown(summaries), _pairs(data.paired)]
     parts = ["## Test phase", "Means over seeds, the lowest and the highest seed in parentheses."]
     for world in WORLDS:
         if any(arm.tests.get(world) for arm in rows):
-            parts += [f"### In {cell(world)}", tables.tests(rows, world)]
+            parts += [f"### In {cell(world)}", experiment_tables.tests(rows, world)]
     parts += [_pairs(data.paired)]
     if data.several_seeds:
         held = next((r.arm.title for r in data.results if r.arm.name == REFERENCE), None)
-        parts += ["### Over seeds", _over_seeds_note(held), tables.over_seeds(rows, held)]
+        parts += [
+            "### Over seeds",
+            _over_seeds_note(held),
+            experiment_tables.over_seeds(rows, held),
+        ]
     return [
         *parts,
         "### Every seed",
         "Rates with exact 95 % intervals, means with Student's.",
-        tables.every_seed(rows, WORLDS),
+        experiment_tables.every_seed(rows, WORLDS),
     ]
 
 
@@ -204,7 +214,7 @@ def _training_part(data: ReportData) -> list[str]:
         f"Means of the last {metrics.TRAINING_WINDOW} training episodes of the last stage, which "
         "still explore. The paper does not say whether its reward is one a decision or one a "
         "second; episodes of step 2 may be shorter than those of the other stages (row 4 below).",
-        tables.training(trained),
+        experiment_tables.training(trained),
     ]
 
 
@@ -224,7 +234,9 @@ def _weights_part(data: ReportData) -> list[str]:
         "## Kept and last weights",
         f"Greedy, on {episodes:,} validation starts by which no weights were chosen. *Chosen for* "
         "is what the kept weights did in the validation they were chosen by.",
-        weights.table({title: [kept for _, kept in seeds] for title, seeds in stages.items()}),
+        experiment_tables.weights(
+            {title: [kept for _, kept in seeds] for title, seeds in stages.items()}
+        ),
         "\n".join(warnings),
     ]
 
@@ -286,17 +298,17 @@ def _origin_part(data: ReportData) -> list[str]:
     title = cell(_shown(data.results).arm.title)
     return [
         "## How it was made",
-        table.listing({**made["versions"], **made["machine"]}),
+        tables.listing({**made["versions"], **made["machine"]}),
         _code_line(data),
         "" if took is None else f"The last call of the command took {took:.1f} s.",
         "### What was run",
         "Means over seeds. A training's time includes compilation and whatever shared the machine; "
         "an arm that takes over the step 1 of another has step 2 alone to show.",
-        tables.run(data.figures),
+        experiment_tables.effort(data.figures),
         "### Settings of the arms",
         _changes(data),
         f"## Settings: {title}",
-        table.listing(settings),
+        tables.listing(settings),
     ]
 
 
@@ -335,12 +347,14 @@ def _text(data: ReportData) -> str:
     if data.arm_by_arm:
         found = "\n".join(
             f"in {world}, means over seeds (their number in parentheses)\n"
-            + tables.text([arm for arm in rows if arm.tests.get(world)], world)
+            + experiment_tables.text([arm for arm in rows if arm.tests.get(world)], world)
             for world in WORLDS
             if any(arm.tests.get(world) for arm in rows)
         )
     else:
-        found = table.text([s for arm in rows for w in WORLDS for s in arm.tests.get(w, ())])
+        found = evaluation_table.text(
+            [s for arm in rows for w in WORLDS for s in arm.tests.get(w, ())]
+        )
     lines = [line.removeprefix("- ") for line in _pairs(data.paired).splitlines()]
     lines += [f"{claim.verdict}: {claim.text}" for claim in data.ledger]
     return found + "\n" + "".join(f"{line}\n" for line in lines)

@@ -27,9 +27,9 @@ def check(path: Path, reading: bool) -> None:
         raise LanewiseError(f"--out must end in {ONNX}, or in {NUMPY} for NumPy, got {path}")
     if path.exists() or path.is_symlink():
         raise LanewiseError(f"{path} is there already; nothing is overwritten")
-    from lanewise.report import files
+    from lanewise.report import output_files
 
-    files.check_writable(path)
+    output_files.check_writable(path)
     if path.suffix == ONNX:
         onnx_models()
         if reading:
@@ -48,11 +48,11 @@ def save(policy: Policy, path: Path) -> None:
     if path.suffix == ONNX:
         onnx_models().save(policy, path)
         return
-    from lanewise.report import files
+    from lanewise.report import output_files
 
     # NumPy stores a text as an array of characters, which is read without pickle.
     about = np.asarray(json.dumps(policy.about))
-    with files.replacing(path) as beside:
+    with output_files.replacing(path) as beside:
         np.savez(beside, about=about, **policy.arrays)
 
 

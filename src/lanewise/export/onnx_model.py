@@ -11,7 +11,7 @@ from onnx import ModelProto, ValueInfoProto, helper
 from lanewise.export import onnx_runtime
 from lanewise.export.numpy_policy import FEATURE_COUNT, START, Ego, Memory, Policy
 from lanewise.export.recording import Graph, Value
-from lanewise.report import files
+from lanewise.report import output_files
 
 OPSET, IR_VERSION = 18, 8
 """Of ONNX 1.13 (2022), which runtimes since then read."""
@@ -91,7 +91,7 @@ def save(policy: Policy, path: Path) -> None:
     """
     made = model(policy)
     onnx.checker.check_model(made, full_check=True)
-    with files.replacing(path) as beside:
+    with output_files.replacing(path) as beside:
         beside.write_bytes(made.SerializeToString(deterministic=True))
 
 

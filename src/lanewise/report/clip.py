@@ -1,7 +1,7 @@
-"""A recording as a clip (GIF or MP4), or some of its moments as one picture (PNG)."""
+"""A recording as a clip (GIF or MP4)."""
 
 import subprocess
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, cast
@@ -11,13 +11,11 @@ import numpy as np
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import Recording
 from lanewise.extras import needed_for
-from lanewise.report.files import check_suffix, replacing
-from lanewise.report.scene import COLOURS, PAPER, SIZE, frame
+from lanewise.report.frame import COLOURS, SIZE, frame
+from lanewise.report.output_files import replacing
 
 with needed_for("a clip"):
     from PIL import Image
-
-__all__ = ["FRAME_RATE", "SUFFIXES", "check_name", "frame", "picture", "render"]
 
 SUFFIXES = (".gif", ".mp4")
 FRAME_RATE = 10
@@ -33,7 +31,10 @@ def check_name(path: Path | str) -> str:
     Raises:
         LanewiseError: if it is neither .gif nor .mp4.
     """
-    return check_suffix(path, SUFFIXES)
+    suffix = Path(path).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise LanewiseError(f"cannot write {path}: the name must end in {' or '.join(SUFFIXES)}")
+    return suffix
 
 
 def render(recording: Recording, path: Path | str, size: tuple[int, int] = SIZE) -> None:
@@ -53,31 +54,6 @@ def render(recording: Recording, path: Path | str, size: tuple[int, int] = SIZE)
             _gif(recording, beside, size)
         else:
             _mp4(recording, beside, size)
-
-
-def picture(
-    recording: Recording, times: Sequence[float], path: Path | str, size: tuple[int, int] = SIZE
-) -> None:
-    """Write several moments of a recording, one under the other, as a PNG.
-
-    Args:
-        recording: the episode.
-        times: s, at least one.
-        path: ending in .png.
-        size: width and height of one moment, pixels.
-
-    Raises:
-        LanewiseError: for any other suffix, no times, or if the file cannot be written.
-    """
-    check_suffix(path, (".png",))
-    if not times:
-        raise LanewiseError("a picture needs at least one moment")
-    gap = size[1] // 24
-    strip = Image.new("RGB", (size[0], len(times) * (size[1] + gap) - gap), PAPER)
-    for row, t in enumerate(times):
-        strip.paste(frame(recording, t, size), (0, row * (size[1] + gap)))
-    with replacing(path) as beside:
-        strip.save(beside, optimize=True)
 
 
 def _frames(recording: Recording, size: tuple[int, int]) -> Iterator[Image.Image]:

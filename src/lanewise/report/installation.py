@@ -19,8 +19,8 @@ FEATURES = {
     "onnx": "export to ONNX",
     "cuda13": "NVIDIA GPUs",
 }
-"""By extra, what it is for; the first needs none."""
-CORE, FINE, MISSING, BROKEN = "", "ok", "missing", "broken"
+"""By extra, what it is for; the first needs no extra."""
+FINE, MISSING, BROKEN = "ok", "missing", "broken"
 REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+)(?:\[[^]]*\])?([^;]*)(?:;.*extra == ['\"](\w+)['\"])?")
 """Of a package's metadata: a name, which versions, for which extra."""
 
@@ -40,40 +40,39 @@ class Finding:
 
 def examine() -> Iterator[Finding]:
     """Each feature in turn."""
-    wanted = _requirements()
-    for extra, feature in FEATURES.items():
-        if extra == "cuda13":
-            yield _gpu(feature)
-        else:
-            yield _finding(extra, feature, wanted.get(extra, {}))
-
-
-def _requirements() -> dict[str, dict[str, str]]:
-    """Which versions of which packages, by extra, as this installation says itself."""
-    found: dict[str, dict[str, str]] = {}
+    wanted: dict[str, dict[str, str]] = {}
     for line in requires("lanewise") or []:
         if match := REQUIREMENT.match(line):
             name, versions, extra = match.groups()
-            found.setdefault(extra or CORE, {})[name] = versions.strip()
-    return found
+            wanted.setdefault(extra or "", {})[name] = versions.strip()
+    for extra, feature in FEATURES.items():
+        packages = {} if extra == "cuda13" else {name: _version(name) for name in wanted[extra]}
+        found = _gpu() if extra == "cuda13" else _status(extra, wanted[extra], packages)
+        yield Finding(feature, found[0], packages, found[1])
 
 
-def _finding(extra: str, feature: str, wanted: dict[str, str]) -> Finding:
-    packages = {name: _version(name) for name in wanted}
-    missing = [name for name, number in packages.items() if not number]
+def _status(extra: str, wanted: dict[str, str], packages: dict[str, str]) -> tuple[str, str]:
+    """Whether an extra's packages are there and work, and what to do."""
     remedy = install(extra) if extra else install()
-    if missing:
-        status = MISSING if extra else BROKEN
-        return Finding(feature, status, packages, f"{remedy} brings {', '.join(missing)}")
+    if missing := [name for name, number in packages.items() if not number]:
+        return MISSING if extra else BROKEN, f"{remedy} brings {', '.join(missing)}"
     for name, number in packages.items():
         pinned = re.fullmatch(r"==([\w.]+)", wanted[name])
         if pinned and number != pinned[1]:
-            advice = f"{remedy}: {name} {pinned[1]} is needed, {number} is here"
-            return Finding(feature, BROKEN, packages, advice)
+            return BROKEN, f"{remedy}: {name} {pinned[1]} is needed, {number} is here"
         if error := _failure(name):
-            advice = f"{name} does not import ({error}); {remedy} again"
-            return Finding(feature, BROKEN, packages, advice)
-    return Finding(feature, FINE, packages, "")
+            return BROKEN, f"{name} does not import ({error}); {remedy} again"
+    return FINE, ""
+
+
+def _gpu() -> tuple[str, str]:
+    """Whether a GPU that is there is used, and what to do."""
+    if devices()["backend"] == "gpu":
+        return FINE, ""
+    if shutil.which("nvidia-smi"):
+        advice = f"JAX computes on the CPU; {install('cuda13')} for the GPU that is here"
+        return MISSING, advice
+    return MISSING, "no NVIDIA GPU here; all works on CPUs"
 
 
 def _version(name: str) -> str:
@@ -86,17 +85,15 @@ def _version(name: str) -> str:
 def _failure(distribution: str) -> str:
     """Why a package cannot be imported; empty if it can."""
     wanted = distribution.replace("-", "_").lower()
-    modules = [
-        module
-        for module, owners in packages_distributions().items()
-        if not module.startswith("_")
-        and wanted in (owner.replace("-", "_").lower() for owner in owners)
-    ]
-    for module in modules[:1]:
+    for module, owners in packages_distributions().items():
+        named = {owner.replace("-", "_").lower() for owner in owners}
+        if module.startswith("_") or wanted not in named:
+            continue
         try:
             import_module(module)
         except Exception as error:  # whatever a broken package raises
             return (str(error).splitlines() or [type(error).__name__])[0][:100]
+        return ""
     return ""
 
 
@@ -105,18 +102,6 @@ def devices() -> dict[str, Any]:
     import jax
 
     return {"backend": jax.default_backend(), "devices": [str(one) for one in jax.devices()]}
-
-
-def _gpu(feature: str) -> Finding:
-    """Whether a GPU that is there is used."""
-    import jax
-
-    if jax.default_backend() == "gpu":
-        return Finding(feature, FINE, {}, "")
-    if shutil.which("nvidia-smi"):
-        advice = f"JAX computes on the CPU; {install('cuda13')} for the GPU that is here"
-        return Finding(feature, MISSING, {}, advice)
-    return Finding(feature, MISSING, {}, "no NVIDIA GPU here; all works on CPUs")
 
 
 def text(machine: dict[str, Any], findings: list[Finding]) -> str:

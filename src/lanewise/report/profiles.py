@@ -2,15 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import Recording
 from lanewise.extras import needed_for
-from lanewise.report import style
-from lanewise.report.style import Floats, Look, Style
+from lanewise.report import figure_style as style
+from lanewise.report.figure_style import Floats, Look, Style
 
 with needed_for("the profiles"):
     from matplotlib.artist import Artist
@@ -24,7 +23,6 @@ Arms = Mapping[str, Sequence[Recording]]
 SECONDS = 40.0
 """The paper's 40 timesteps."""
 QUANTILES = (0.1, 0.9)
-BAND = "middle 80 % of episodes"
 PANELS = (
     ("speed", "speed, m/s"),
     ("reward", "instant reward,\nof a decision"),
@@ -49,8 +47,9 @@ class Profile:
     """(s, the ego's speed, accumulated reward) at each accident within `time`."""
 
 
-def write(arms: Arms, path: Path | str, *, seconds: float = SECONDS) -> None:
-    """Draw the arms' profiles into a PNG or SVG file.
+@style.look()
+def draw(arms: Arms, *, seconds: float = SECONDS) -> Figure:
+    """The arms' profiles.
 
     Curves are means over the episodes still under way; bands hold the middle 80 % of them. An
     accident is a cross: from then on its episode counts in the accumulated reward only, which
@@ -59,19 +58,12 @@ def write(arms: Arms, path: Path | str, *, seconds: float = SECONDS) -> None:
 
     Args:
         arms: recordings; controllers look the same in every figure.
-        path: ending in .png or .svg.
         seconds: how far to draw.
 
     Raises:
         LanewiseError: if there is no arm, an arm without a recording, recordings of one arm with
-            different decision rates, too many arms, or the file cannot be written.
+            different decision rates, or too many arms.
     """
-    style.write(path, lambda: draw(arms, seconds=seconds))
-
-
-@style.look()
-def draw(arms: Arms, *, seconds: float = SECONDS) -> Figure:
-    """The figure of `write`."""
     if not arms:
         raise LanewiseError("there is no recording to draw")
     looks = style.styles(arms)
@@ -83,7 +75,14 @@ def draw(arms: Arms, *, seconds: float = SECONDS) -> Figure:
             _arm(axes, one, name, looks[title])
         axes.set_ylabel(label)
     panels[-1].set_xlabel("time, timesteps of 1 s")
-    style.legend(figure, _key(arms, profiles, looks))
+    handles: list[Artist] = [
+        style.key(looks[title], title, len(runs), "episode") for title, runs in arms.items()
+    ]
+    if any(len(runs) > 1 for runs in arms.values()):
+        handles.append(style.band_key("band: middle 80 % of episodes"))
+    if any(one.accidents for one in profiles.values()):
+        handles.append(Line2D([], [], label="accident ends an episode", **_cross("0.2")))
+    style.legend(figure, handles)
     return figure
 
 
@@ -108,11 +107,12 @@ def profile(title: str, recordings: Sequence[Recording], seconds: float) -> Prof
         for run in recordings
         if run.accident and run.time[-1] <= time[-1] + 1e-9
     ]
+    accumulated = [run.accumulated_reward for run in recordings]
     return Profile(
         time,
         np.stack([_padded(run.speed[:, 0], len(time), np.nan) for run in recordings]),
         np.stack([_padded(_instant(run), len(time), np.nan) for run in recordings]),
-        np.stack([_held(run.accumulated_reward, len(time)) for run in recordings]),
+        np.stack([_padded(sums, len(time), float(sums[-1])) for sums in accumulated]),
         accidents,
     )
 
@@ -129,10 +129,6 @@ def _instant(recording: Recording) -> Floats:
 def _padded(values: Floats, length: int, rest: float) -> Floats:
     missing = np.full(max(length - len(values), 0), rest)
     return np.concatenate([values[:length], missing])
-
-
-def _held(values: Floats, length: int) -> Floats:
-    return _padded(values, length, float(values[-1]))
 
 
 def _arm(axes: Axes, one: Profile, name: str, own: Style) -> None:
@@ -152,24 +148,5 @@ def _arm(axes: Axes, one: Profile, name: str, own: Style) -> None:
 
 
 def _cross(colour: str) -> Look:
-    return {
-        "marker": "x",
-        "markersize": 7.0,
-        "markeredgewidth": 1.8,
-        "color": colour,
-        "linestyle": "",
-        "zorder": 5,
-    }
-
-
-def _key(arms: Arms, profiles: Mapping[str, Profile], looks: Mapping[str, Style]) -> list[Artist]:
-    handles: list[Artist] = []
-    for title, runs in arms.items():
-        own = looks[title]
-        name = f"{style.plain(title)} ({len(runs)} episode{'s' if len(runs) > 1 else ''})"
-        handles.append(Line2D([], [], color=own.colour, ls=own.dashes, lw=style.DRAWN, label=name))
-    if any(len(runs) > 1 for runs in arms.values()):
-        handles.append(style.band_key(f"band: {BAND}"))
-    if any(one.accidents for one in profiles.values()):
-        handles.append(Line2D([], [], label="accident ends an episode", **_cross("0.2")))
-    return handles
+    size: Look = {"marker": "x", "markersize": 7.0, "markeredgewidth": 1.8}
+    return {**size, "color": colour, "linestyle": "", "zorder": 5}

@@ -1,189 +1,145 @@
-"""A straight road from above in a matplotlib figure: lanes, and vehicles told apart by role."""
+"""The road from above as coloured polygons: one drawing for clips, environments and figures."""
 
-from collections.abc import Sequence
-from math import cos, sin
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import cos, hypot, sin
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lanewise.extras import needed_for
-from lanewise.report.style import WIDTH, Floats, Look
-from lanewise.world.settings import CAR_LENGTH, CAR_WIDTH
+from lanewise.evaluation.episodes import Recording
 
-with needed_for("a picture of the road"):
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch, Polygon, Rectangle
+Point = tuple[float, float]
 
-SHOULDER = 1.0
-"""Paved width outside the outer lanes, m."""
-DASH, DASH_PERIOD = 3.0, 9.0
+GRASS, ASPHALT, MARKING = "#E2E6DE", "#5C6065", "#F0F0EC"
+GOAL_LANE, CHEVRON = "#527C62", "#B0D8BC"
+CRASH = "#1C1E21"
+BODIES = ("#D62828", "#F5C518", "#3A80CD")
+"""By role: ego red, trap yellow, traffic blue."""
+WINDOWS = ("#751616", "#866C0D", "#1F4670")
+"""Of the bodies above."""
+
+DASH, DASH_PERIOD, LINE_WIDTH = 3.0, 9.0, 0.18
 """Lane markings, m."""
-ASPHALT, MARKING, EDGE = "0.93", "0.55", "0.25"
-GOAL = "#00664B"
-"""Colour of the chevrons that point along the goal's lane."""
-TINT = "#CBE3D8"
-"""Colour of the goal's lane."""
-
-# Red, yellow and blue of clearly different lightness, with letters on two of them.
-BODIES = ("#B3202A", "#F2C230", "#5B9BD5")
-"""Colours by role: ego, trap, traffic."""
-INKS = ("white", "black", "black")
-NAMES = ("ego (E)", "trap cars (1, 2)", "traffic")
-"""In a legend, by role, of the paper's two trap cars."""
+SHOULDER = 1.2
+"""Paved width outside the outer lanes, m."""
 
 
-class Place(NamedTuple):
-    """Where a vehicle is, and how large."""
+@dataclass(frozen=True)
+class Moment:
+    """A recording at one time: places between two decisions, facts as of the last decision."""
 
-    x: float
-    """m."""
-    y: float
-    """m, positive to the right."""
-    heading: float = 0.0
-    """rad, positive to the right."""
-    length: float = CAR_LENGTH
-    """m."""
-    width: float = CAR_WIDTH
-    """m."""
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    heading: NDArray[np.float64]
+    ego_speed: float
+    time: float
+    index: int
+    """Frame of the last decision's end."""
 
 
-def page(
-    centre: Floats, width: Floats, seen: tuple[float, float], room: tuple[float, float, float]
-) -> tuple[Figure, Axes]:
-    """A figure as wide as a page with a paved road in it, to scale.
+class Shape(NamedTuple):
+    """A filled polygon."""
+
+    corners: Sequence[Point]
+    """Along the road and across it, m; y is positive to the right."""
+    colour: str
+
+
+def moment(recording: Recording, t: float) -> Moment:
+    """The recording at `t` seconds; before the start or after the end, the nearest frame."""
+    time = recording.time
+    t = float(np.clip(t, time[0], time[-1]))
+    index = max(int(np.searchsorted(time, t + 1e-9, side="right")) - 1, 0)
+    following = min(index + 1, len(time) - 1)
+    step = time[following] - time[index]
+    share = (t - time[index]) / step if step > 0.0 else 0.0
+
+    def between(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        mixed: NDArray[np.float64] = (1.0 - share) * values[index] + share * values[following]
+        return mixed
+
+    return Moment(
+        between(recording.x),
+        between(recording.y),
+        between(recording.heading),
+        float(between(recording.speed)[0]),
+        t,
+        index,
+    )
+
+
+def edges(recording: Recording) -> tuple[float, float]:
+    """Left and right edge of the outer lanes, m."""
+    half = recording.lane_width / 2.0
+    left, right = recording.lane_centre - half, recording.lane_centre + half
+    return float(left.min()), float(right.max())
+
+
+def shapes(recording: Recording, now: Moment, start: float, end: float) -> Iterator[Shape]:
+    """The road between two places along it, later shapes above earlier ones.
 
     Args:
-        centre: [M] lane centres, m.
-        width: [M] lane widths, m.
-        seen: where the road begins and ends, m.
-        room: inches beside, above and below the road.
-
-    Returns:
-        The figure, and the road's axes in m.
+        recording: the episode.
+        now: which moment of it.
+        start: first x shown, m; vehicles and markings may reach beyond it.
+        end: last x shown, m.
     """
-    beside, above, below = room
-    paved = float(width.sum()) + 2.0 * SHOULDER
-    tall = (WIDTH - 2.0 * beside) * paved / (seen[1] - seen[0])
-    height = above + tall + below
-    figure = Figure(figsize=(WIDTH, height))
-    axes = figure.add_axes(
-        (beside / WIDTH, below / height, 1.0 - 2.0 * beside / WIDTH, tall / height)
-    )
-    axes.set_xticks([])
-    lanes(axes, centre, width, seen)
-    return figure, axes
-
-
-def lanes(axes: Axes, centre: Floats, width: Floats, seen: tuple[float, float]) -> None:
-    """Pave an axes from `seen[0]` to `seen[1]` m; the left of the road is up, scales are equal."""
-    left = float((centre - width / 2.0).min())
-    right = float((centre + width / 2.0).max())
-    start, end = seen
-    axes.set_xlim(start, end)
-    axes.set_ylim(right + SHOULDER, left - SHOULDER)
-    axes.set_aspect("equal")
-    axes.set_yticks([])
-    axes.spines[:].set_visible(False)
-    paved = right - left + 2.0 * SHOULDER
-    axes.add_patch(
-        Rectangle((start, left - SHOULDER), end - start, paved, facecolor=ASPHALT, linewidth=0.0)
-    )
+    left, right = edges(recording)
+    yield _box(start, end, left - SHOULDER, right + SHOULDER, ASPHALT)
+    lane = int(recording.goal_lane[now.index])
+    if lane >= 0:
+        centre, half = recording.lane_centre[lane], recording.lane_width[lane] / 2.0
+        yield _box(start, end, centre - half, centre + half, GOAL_LANE)
+        for step in range(3):  # chevrons ahead of the ego
+            tip = (float(now.x[0]) + 9.0 + 2.2 * step, float(centre))
+            for side in (-1.1, 1.1):
+                yield _bar(tip, (tip[0] - 1.2, tip[1] + side), 0.4, CHEVRON)
     for edge in (left, right):
-        axes.plot(seen, (edge, edge), color=EDGE, linewidth=0.9, solid_capstyle="butt")
-    first = np.floor(start / DASH_PERIOD) * DASH_PERIOD
-    for y in np.sort(centre + width / 2.0)[:-1]:
-        for x in np.arange(first, end, DASH_PERIOD):
-            dash = (max(float(x), start), min(float(x) + DASH, end))
-            if dash[0] < dash[1]:
-                axes.plot(dash, (y, y), color=MARKING, linewidth=0.9, solid_capstyle="butt")
+        yield _box(start, end, edge - LINE_WIDTH / 2.0, edge + LINE_WIDTH / 2.0, MARKING)
+    first = np.floor(start / DASH_PERIOD)
+    for y in np.sort(recording.lane_centre + recording.lane_width / 2.0)[:-1]:
+        for x in np.arange(first, np.ceil(end / DASH_PERIOD)) * DASH_PERIOD:
+            yield _box(x, x + DASH, y - LINE_WIDTH / 2.0, y + LINE_WIDTH / 2.0, MARKING)
+    for number in np.flatnonzero(recording.present)[::-1]:  # the ego last, on top
+        yield from _vehicle(recording, now, int(number))
 
 
-def vehicle(axes: Axes, place: Place, role: int, letter: str = "", *, ghost: bool = False) -> None:
-    """A vehicle with its windscreen in front; a ghost is only an outline."""
-    body, screen = _outline(place, -0.5, 0.5, 0.5), _outline(place, 0.12, 0.26, 0.38)
-    if ghost:
-        axes.add_patch(
-            Polygon(body, facecolor="none", edgecolor="0.35", linestyle=(0, (3, 2)), linewidth=0.9)
-        )
-        return
-    axes.add_patch(
-        Polygon(body, facecolor=BODIES[role], edgecolor="black", linewidth=0.7, zorder=3)
+def _vehicle(recording: Recording, now: Moment, number: int) -> Iterator[Shape]:
+    length, width = float(recording.length[number]), float(recording.width[number])
+    x, y, heading = float(now.x[number]), float(now.y[number]), float(now.heading[number])
+    along, across = cos(heading), sin(heading)
+
+    def outline(back: float, front: float, share: float) -> list[Point]:
+        side = share * width / 2.0
+        corners = ((back, -side), (front, -side), (front, side), (back, side))
+        placed = ((a * length, b) for a, b in corners)
+        return [(x + a * along - b * across, y + a * across + b * along) for a, b in placed]
+
+    role = int(recording.role[number])
+    body = outline(-0.5, 0.5, 1.0)
+    yield Shape(body, BODIES[role])
+    # Windscreen and rear window tell front from back.
+    yield Shape(outline(0.10, 0.24, 0.76), WINDOWS[role])
+    yield Shape(outline(-0.38, -0.30, 0.70), WINDOWS[role])
+    if recording.crashed[now.index, number]:
+        for one, other in ((0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (1, 3)):
+            yield _bar(body[one], body[other], 0.35, CRASH)
+
+
+def _box(start: float, end: float, left: float, right: float, colour: str) -> Shape:
+    return Shape(((start, left), (end, left), (end, right), (start, right)), colour)
+
+
+def _bar(start: Point, end: Point, width: float, colour: str) -> Shape:
+    """A line as a polygon, with square ends that reach beyond both points."""
+    half = width / 2.0 / max(hypot(end[0] - start[0], end[1] - start[1]), 1e-9)
+    a, b = half * (end[0] - start[0]), half * (end[1] - start[1])
+    corners = (
+        (start[0] - a + b, start[1] - b - a),
+        (end[0] + a + b, end[1] + b - a),
+        (end[0] + a - b, end[1] + b + a),
+        (start[0] - a - b, start[1] - b + a),
     )
-    axes.add_patch(Polygon(screen, facecolor="0.15", linewidth=0.0, zorder=3))
-    if letter:
-        middle = _outline(place, -0.17, -0.17, 0.0)[0]
-        axes.text(
-            *middle,
-            letter,
-            color=INKS[role],
-            fontsize=letter_size(axes, place.width),
-            fontweight="bold",
-            ha="center",
-            va="center_baseline",
-            zorder=4,
-        )
-
-
-def crash(axes: Axes, place: Place) -> None:
-    """Cross a vehicle out."""
-    body = _outline(place, -0.5, 0.5, 0.5)
-    for one, other in ((0, 2), (1, 3)):
-        ends = np.array([body[one], body[other]])
-        axes.plot(ends[:, 0], ends[:, 1], color="black", linewidth=1.6, zorder=5)
-
-
-def goal_lane(axes: Axes, centre: float, width: float) -> None:
-    """Tint a lane, with three chevrons at its far end, where vehicles seldom hide them."""
-    start, end = axes.get_xlim()
-    axes.add_patch(
-        Rectangle((start, centre - width / 2.0), end - start, width, facecolor=TINT, linewidth=0.0)
-    )
-    side = 0.28 * width
-    for tip in (end - 5.8, end - 3.6, end - 1.4):
-        ends = (tip - 1.2, tip, tip - 1.2), (centre - side, centre, centre + side)
-        axes.plot(*ends, color=GOAL, linewidth=1.3)
-
-
-def letter_size(axes: Axes, height: float) -> float:
-    """Font size, points, of a capital that fills two thirds of `height` m, but no giant."""
-    box = axes.get_position()
-    low, high = axes.get_ylim()
-    inches = axes.get_figure(root=True).get_figheight() * box.height  # type: ignore[union-attr]
-    # A capital of DejaVu Sans is 0.73 of the font size tall.
-    return min(72.0 * inches * height / abs(high - low) * 0.66 / 0.73, 15.0)
-
-
-def key(roles: Sequence[int], traps: int = 2) -> list[Patch]:
-    """Legend entries of roles.
-
-    Args:
-        roles: which.
-        traps: number of trap cars.
-    """
-    several = {1: "trap car (1)", 2: NAMES[1]}.get(traps, f"trap cars (1 to {traps})")
-    names = (NAMES[0], several, NAMES[2])
-    return [
-        Patch(facecolor=BODIES[role], edgecolor="black", linewidth=0.7, label=names[role])
-        for role in roles
-    ]
-
-
-def goal_key() -> Line2D:
-    """Legend entry of the chevrons."""
-    more: Look = {"linestyle": "", "markersize": 14.0, "markeredgewidth": 0.4}
-    return Line2D([], [], color=GOAL, marker="$>>>$", label="lane of the goal", **more)
-
-
-def _outline(place: Place, back: float, front: float, side: float) -> list[tuple[float, float]]:
-    """Corners of a part of a vehicle; shares of its length and width from its centre."""
-    along, across = cos(place.heading), sin(place.heading)
-    corners = ((back, -side), (front, -side), (front, side), (back, side))
-    return [
-        (
-            place.x + a * place.length * along - b * place.width * across,
-            place.y + a * place.length * across + b * place.width * along,
-        )
-        for a, b in corners
-    ]
+    return Shape(corners, colour)

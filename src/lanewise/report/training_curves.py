@@ -1,25 +1,17 @@
-"""The paper's training figure, with our success beside the paper's; several arms at once."""
+"""Learning curves: the paper's training figure over several arms, and every stage of one run."""
 
 from collections.abc import Mapping, Sequence
-from math import isfinite
-from pathlib import Path
+from math import isfinite, nan
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
 from lanewise.extras import needed_for
-from lanewise.report import style
-from lanewise.report.curves import (
-    PAPERS_SUCCESS,
-    PERCENT,
-    SUCCESS,
-    Rows,
-    column_of,
-    running_mean,
-    told,
-)
-from lanewise.report.style import Floats, Look, Style
+from lanewise.report import figure_style as style
+from lanewise.report.figure_style import Floats, Look, Style
+from lanewise.runs.metrics_file import settled_at
 
 with needed_for("the training figure"):
     from matplotlib.artist import Artist
@@ -27,95 +19,121 @@ with needed_for("the training figure"):
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
+Rows = Sequence[Mapping[str, Any]]
 Arms = Mapping[str, Sequence[Rows]]
 """By an arm's title: for each seed, its finished episodes in order."""
 
 WINDOW = 50
 """Episodes in the running mean: the window of the paper's training table."""
-REWARDS = {
-    "reward": "reward per episode,\none a decision",
-    "timestep_reward": "reward per episode,\none a second",
-}
-"""Column of the reward, and what it sums; the paper does not say which of the two it shows."""
+STAGE_WINDOW = 0.05
+"""The same in the figure of one run's stages, as a share of a stage's rows."""
+PANELS = (
+    ("escaped", "success (paper), %", 100.0),
+    ("success", "success, %\n(and no accident)", 100.0),
+    ("reward", "reward per episode,\none a decision", 1.0),
+    ("speed", "average speed, m/s", 1.0),
+)
+"""Column of the rows, label with its unit, and factor to that unit."""
+STAGE_COLUMNS = {"escaped": "escape_rate", "success": "success_rate"}
+"""Names of columns in the rows of a stage, where they differ."""
 POINTS = 1000
 """About as many places of a curve are drawn: more would show no more, and swell the SVG."""
-BAND = "lowest to highest seed"
 SETTLED = "epsilon at its final value"
 
 
-def write(
-    arms: Arms,
-    path: Path | str,
-    *,
-    window: int = WINDOW,
-    reward: str = "reward",
-    settled: Mapping[str, float] | None = None,
-) -> None:
-    """Draw the arms' training into a PNG or SVG file.
+@style.look()
+def draw(arms: Arms, *, settled: Mapping[str, float] | None = None) -> Figure:
+    """The arms' training.
 
-    Each curve is the mean over an arm's seeds of their running means over the last `window`
+    Each curve is the mean over an arm's seeds of their running means over the last `WINDOW`
     episodes, of fewer at the start; the band runs from the lowest to the highest seed. An arm ends
     where its shortest seed ends.
 
     Args:
-        arms: rows with `escaped`, `success`, `speed` and the column `reward` names; null or
-            missing is a gap, and `escaped` has no panel where no row has it. Arms named like a
-            controller look the same in every figure.
-        path: ending in .png or .svg.
-        window: episodes.
-        reward: `reward`, one reward a decision, or `timestep_reward`, one a second.
+        arms: rows with `escaped`, `success`, `reward` and `speed`; null is a gap. Arms named like
+            a controller look the same in every figure.
         settled: by title, the episode at which epsilon came to its final value; marked on the
             curve where the curve reaches so far.
 
     Raises:
-        LanewiseError: if there is no arm, an arm without an episode, too many arms to tell apart,
-            a title in `settled` that is no arm's, or the file cannot be written.
+        LanewiseError: if there is no arm, an arm without an episode, or too many arms.
     """
-    style.write(path, lambda: draw(arms, window=window, reward=reward, settled=settled))
-
-
-@style.look()
-def draw(
-    arms: Arms,
-    *,
-    window: int = WINDOW,
-    reward: str = "reward",
-    settled: Mapping[str, float] | None = None,
-) -> Figure:
-    """The figure of `write`."""
-    marks = settled or {}
-    _check(arms, window, reward, marks)
-    looks = style.styles(arms)
-    wanted = (
-        ("escaped", PAPERS_SUCCESS, PERCENT),
-        ("success", SUCCESS, PERCENT),
-        (reward, REWARDS[reward], 1.0),
-        ("speed", "average speed, m/s", 1.0),
-    )
-    columns = told(wanted, (row for seeds in arms.values() for rows in seeds for row in rows))
-    figure = Figure(figsize=(style.WIDTH, 1.2 + 1.8 * len(columns)), layout="constrained")
-    panels = style.panels(figure, len(columns))
-    for axes, (column, label, factor) in zip(panels, columns, strict=True):
+    if not arms:
+        raise LanewiseError("there is no training to draw")
+    for title, seeds in arms.items():
+        if not seeds or not all(len(rows) for rows in seeds):
+            raise LanewiseError(f"{title}: a training without a finished episode cannot be drawn")
+    looks, marks = style.styles(arms), settled or {}
+    figure, panels = _panels()
+    for axes, (column, _, factor) in zip(panels, PANELS, strict=True):
         for title, seeds in arms.items():
-            smooth = [factor * running_mean(column_of(rows, column), window) for rows in seeds]
+            smooth = [factor * running_mean(column_of(rows, column), WINDOW) for rows in seeds]
             _arm(axes, smooth, looks[title], marks.get(title))
-        axes.set_ylabel(label)
-        if factor == PERCENT:
-            axes.set_ylim(-3.0, 103.0)
-    panels[-1].set_xlabel(f"training episode (running mean over the last {window})")
-    style.thousands(panels[-1])
-    style.legend(figure, _key(arms, looks, marks))
+    panels[-1].set_xlabel(f"training episode (running mean over the last {WINDOW})")
+    handles: list[Artist] = [
+        style.key(looks[title], title, len(seeds), "seed") for title, seeds in arms.items()
+    ]
+    if any(len(seeds) > 1 for seeds in arms.values()):
+        handles.append(style.band_key("band: lowest to highest seed"))
+    if marks:
+        handles.append(Line2D([], [], label=SETTLED, **_mark(Style("0.3", (0, ()), "o"))))
+    style.legend(figure, handles)
     return figure
 
 
-def over_seeds(seeds: Sequence[Floats]) -> tuple[Floats, Floats, Floats]:
-    """Mean, lowest and highest over seeds at each episode, as far as the shortest seed goes.
+@style.look()
+def draw_stages(rows: Rows) -> Figure:
+    """Every stage of a run, one line each.
 
-    An episode before a seed's first known value has none, rather than a mean over fewer seeds.
+    Thin and pale: the rows as recorded. Thick: their running mean over the last 5 % of the stage.
+    A vertical mark shows where exploration has come down to its final epsilon.
+
+    Args:
+        rows: metrics rows with `stage`, `decisions`, `escape_rate`, `success_rate`, `reward`,
+            `speed` and `epsilon`; null is a gap.
+
+    Raises:
+        LanewiseError: if there is no row.
     """
-    length = min(len(values) for values in seeds)
-    table = np.stack([values[:length] for values in seeds])
-    return table.mean(axis=0), table.min(axis=0), table.max(axis=0)
+    if not rows:
+        raise LanewiseError("there are no metrics to draw; train first")
+    stages = list(dict.fromkeys(str(row["stage"]) for row in rows))
+    figure, panels = _panels()
+    for axes, (column, _, factor) in zip(panels, PANELS, strict=True):
+        for number, stage in enumerate(stages):
+            name, own = STAGE_COLUMNS.get(column, column), style.STYLES[number % len(style.STYLES)]
+            some = [row for row in rows if str(row["stage"]) == stage]
+            x, y = column_of(some, "decisions"), factor * column_of(some, name)
+            axes.plot(x, y, color=own.colour, linewidth=0.6, alpha=0.25)
+            smooth = running_mean(y, max(1, round(STAGE_WINDOW * len(y))))
+            style.curve(axes, x, smooth, own, label=stage)
+            place = settled_at(column_of(some, "epsilon").tolist())
+            if place is not None:
+                look: Look = {"color": own.colour, "linestyle": own.dashes, "linewidth": 0.8}
+                axes.axvline(x[place], alpha=0.6, **look)
+    panels[-1].set_xlabel("decisions of the stage")
+    handles, _ = panels[0].get_legend_handles_labels()
+    mark = Line2D([], [], color="0.4", marker="|", markersize=9, linestyle="", label=SETTLED)
+    style.legend(figure, [*handles, mark], most=4)
+    return figure
+
+
+def column_of(rows: Rows, name: str) -> Floats:
+    """One column of metrics rows; null and missing values as NaN."""
+    values = (row.get(name) for row in rows)
+    return np.array([nan if value is None else value for value in values], dtype=np.float64)
+
+
+def running_mean(values: Floats, window: int) -> Floats:
+    """Mean of the last `window` values at each place, of fewer at the start; NaN is skipped."""
+    known = ~np.isnan(values)
+    sums = np.concatenate([[0.0], np.cumsum(np.where(known, values, 0.0))])
+    counts = np.concatenate([[0], np.cumsum(known)])
+    ends = np.arange(1, len(values) + 1)
+    starts = np.maximum(ends - window, 0)
+    number = counts[ends] - counts[starts]
+    total = sums[ends] - sums[starts]
+    return np.where(number > 0, total / np.maximum(number, 1), nan)
 
 
 def drawn_places(length: int) -> NDArray[np.int64]:
@@ -124,14 +142,28 @@ def drawn_places(length: int) -> NDArray[np.int64]:
     return np.arange(length - 1, -1, -step, dtype=np.int64)[::-1]
 
 
+def _panels() -> tuple[Figure, list[Axes]]:
+    """A figure with a panel for each measure."""
+    figure = Figure(figsize=(style.WIDTH, 1.2 + 1.8 * len(PANELS)), layout="constrained")
+    panels = style.panels(figure, len(PANELS))
+    for axes, (_, label, factor) in zip(panels, PANELS, strict=True):
+        axes.set_ylabel(label)
+        if factor == 100.0:
+            axes.set_ylim(-3.0, 103.0)
+    style.thousands(panels[-1])
+    return figure, panels
+
+
 def _arm(axes: Axes, seeds: Sequence[Floats], own: Style, settled: float | None) -> None:
-    mean, low, high = over_seeds(seeds)
-    episode = np.arange(1.0, len(mean) + 1.0)
-    drawn = drawn_places(len(mean))
+    """Mean and band over seeds, as far as the shortest goes; a seed's gap is a gap of the mean."""
+    length = min(len(values) for values in seeds)
+    table = np.stack([values[:length] for values in seeds])
+    mean, episode, drawn = table.mean(axis=0), np.arange(1.0, length + 1.0), drawn_places(length)
     if len(seeds) > 1:
+        low, high = table.min(axis=0), table.max(axis=0)
         style.band(axes, episode[drawn], low[drawn], high[drawn], own)
     style.curve(axes, episode[drawn], mean[drawn], own)
-    if settled is not None and 1.0 <= settled <= len(mean):
+    if settled is not None and 1.0 <= settled <= length:
         height = float(np.interp(settled, episode, mean))
         # A seed's first episodes may lack a value; then there is no height to mark.
         if isfinite(height):
@@ -147,31 +179,3 @@ def _mark(own: Style) -> Look:
         "markeredgewidth": 1.4,
         "linestyle": "",
     }
-
-
-def _key(arms: Arms, looks: Mapping[str, Style], marks: Mapping[str, float]) -> list[Artist]:
-    handles: list[Artist] = []
-    for title, seeds in arms.items():
-        own = looks[title]
-        name = f"{style.plain(title)} ({len(seeds)} seed{'s' if len(seeds) > 1 else ''})"
-        handles.append(Line2D([], [], color=own.colour, ls=own.dashes, lw=style.DRAWN, label=name))
-    if any(len(seeds) > 1 for seeds in arms.values()):
-        handles.append(style.band_key(f"band: {BAND}"))
-    if marks:
-        handles.append(Line2D([], [], label=SETTLED, **_mark(Style("0.3", (0, ()), "o"))))
-    return handles
-
-
-def _check(arms: Arms, window: int, reward: str, marks: Mapping[str, float]) -> None:
-    if not arms:
-        raise LanewiseError("there is no training to draw")
-    for title, seeds in arms.items():
-        if not seeds or not all(len(rows) for rows in seeds):
-            raise LanewiseError(f"{title}: a training without a finished episode cannot be drawn")
-    for title in marks:
-        if title not in arms:
-            raise LanewiseError(f"{title}: no such training to mark in the figure")
-    if window < 1:
-        raise LanewiseError(f"the running mean needs at least one episode, got {window}")
-    if reward not in REWARDS:
-        raise LanewiseError(f"reward must be {' or '.join(REWARDS)}, got {reward}")

@@ -27,7 +27,7 @@ from lanewise.training.settings import (
 
 
 class RecipeSettings(Protocol):
-    """The settings a recipe reads; `lanewise.settings.Settings` is the one there is."""
+    """The settings a recipe reads; `lanewise.config.settings.Settings` is the one there is."""
 
     @property
     def scenario(self) -> TrapSettings:

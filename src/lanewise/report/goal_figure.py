@@ -1,7 +1,6 @@
 """The goals of an episode: which lane and speed were asked for, and what the ego made of them."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,8 +8,9 @@ from numpy.typing import NDArray
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import ACCIDENTS, Recording
 from lanewise.extras import needed_for
-from lanewise.report import style
-from lanewise.report.style import STYLES, Floats, Look
+from lanewise.report import figure_style as style
+from lanewise.report import road
+from lanewise.report.figure_style import STYLES, Floats, Look
 
 with needed_for("the goals figure"):
     from matplotlib.axes import Axes
@@ -18,6 +18,14 @@ with needed_for("the goals figure"):
     from matplotlib.lines import Line2D
 
 EGO, GOAL = STYLES[0], STYLES[1]
+OUT: Look = {"color": style.MUTED, "linewidth": 1.0, "linestyle": (0, (1, 2))}
+WRECK: Look = {
+    "marker": "X",
+    "markersize": 9.0,
+    "color": "black",
+    "linestyle": "",
+    "clip_on": False,
+}
 SET: Look = {"marker": "|", "markersize": 9.0, "markeredgewidth": 1.3, "color": GOAL.colour}
 REACHED: Look = {"marker": "o", "markersize": 6.0, "markerfacecolor": "white", "color": "#00664B"}
 TIMED_OUT: Look = {"marker": "x", "markersize": 6.5, "markeredgewidth": 1.7, "color": "#D55E00"}
@@ -42,27 +50,20 @@ class Events:
     """A goal was given up."""
 
 
-def write(recording: Recording, path: Path | str) -> None:
-    """Draw an episode's goals into a PNG or SVG file.
+@style.look()
+def draw(recording: Recording) -> Figure:
+    """An episode's goals.
 
-    Above, the lane asked for and the ego's place across the road; below, the speed asked for and
-    the ego's. A bar marks where a goal was set, a circle where one was reached, a cross where the
-    time limit ended one.
+    Above, the goal's lane and the ego's place across the road; below, the goal's speed and the
+    ego's. A bar marks where a goal was set, a circle where one was reached, a cross where the time
+    limit ended one.
 
     Args:
         recording: of a controller with goals.
-        path: ending in .png or .svg.
 
     Raises:
-        LanewiseError: if the controller has no goals, the recording no decision, or the file
-            cannot be written.
+        LanewiseError: if the controller has no goals, or the recording no decision.
     """
-    style.write(path, lambda: draw(recording))
-
-
-@style.look()
-def draw(recording: Recording) -> Figure:
-    """The figure of `write`."""
     if len(recording.time) < 2:
         raise LanewiseError("a recording without a decision has no goals to draw")
     if (recording.goal_lane < 0).all():
@@ -101,53 +102,32 @@ def events(recording: Recording) -> Events:
 
 def _lanes(axes: Axes, recording: Recording) -> None:
     """Lanes as in a picture from above: the left one on top."""
-    left = recording.lane_centre - recording.lane_width / 2.0
-    right = recording.lane_centre + recording.lane_width / 2.0
-    axes.set_ylim(float(right.max()) + 0.3, float(left.min()) - 0.3)
-    axes.set_yticks(recording.lane_centre)
+    centre, half = recording.lane_centre, recording.lane_width / 2.0
+    outer = road.edges(recording)
+    axes.set_ylim(outer[1] + 0.3, outer[0] - 0.3)
+    axes.set_yticks(centre)
     axes.grid(visible=False, axis="y")
-    for edge in np.unique(np.concatenate([left, right])):
-        inner = left.min() < edge < right.max()
-        dashes = (0, (6, 5)) if inner else (0, ())
+    for edge in np.unique(np.concatenate([centre - half, centre + half])):
+        dashes = (0, ()) if edge in outer else (0, (6, 5))
         axes.axhline(edge, color="0.6", linewidth=0.9, linestyle=dashes, zorder=1)
-    for number, centre in enumerate(recording.lane_centre, start=1):
-        axes.annotate(
-            f"lane {number}",
-            (1.0, centre),
-            (4.0, 0.0),
-            xycoords=("axes fraction", "data"),
-            textcoords="offset points",
-            va="center",
-            fontsize="small",
-            color=style.MUTED,
-        )
+    for number, y in enumerate(centre, start=1):
+        place: Look = {"transform": axes.get_yaxis_transform(), "va": "center"}
+        axes.text(1.006, y, f"lane {number}", fontsize="small", color=style.MUTED, **place)
 
 
 def _track(axes: Axes, recording: Recording, goal: Floats, ego: Floats, found: Events) -> None:
     time = recording.time
     # The goal of a frame held throughout the decision that ended there.
-    axes.plot(
-        time,
-        goal,
-        color=GOAL.colour,
-        linestyle=GOAL.dashes,
-        linewidth=style.DRAWN,
-        drawstyle="steps-pre",
-        zorder=2,
-    )
+    style.curve(axes, time, goal, GOAL, drawstyle="steps-pre", zorder=2)
     axes.plot(time[found.set], goal[found.set + 1], linestyle="", zorder=3, **SET)
-    axes.plot(time, ego, color=EGO.colour, linewidth=style.DRAWN, zorder=4)
+    style.curve(axes, time, ego, EGO, zorder=4)
     for frames, marker in ((found.reached, REACHED), (found.timed_out, TIMED_OUT)):
         axes.plot(time[frames], ego[frames], linestyle="", zorder=5, **marker)
     if recording.escaped.any():
         out = time[int(np.argmax(recording.escaped))]
-        axes.axvline(out, color=style.MUTED, linewidth=1.0, linestyle=(0, (1, 2)), zorder=1)
+        axes.axvline(out, zorder=1, **OUT)
     if recording.accident:
-        axes.plot(time[-1], ego[-1], **_wreck(), zorder=6)
-
-
-def _wreck() -> Look:
-    return {"marker": "X", "markersize": 9.0, "color": "black", "linestyle": "", "clip_on": False}
+        axes.plot(time[-1], ego[-1], **WRECK, zorder=6)
 
 
 def _key(recording: Recording, found: Events) -> list[Line2D]:
@@ -162,10 +142,8 @@ def _key(recording: Recording, found: Events) -> list[Line2D]:
         mark("goal timed out", found.timed_out, TIMED_OUT),
     ]
     if recording.escaped.any():
-        handles.append(
-            Line2D([], [], color=style.MUTED, ls=(0, (1, 2)), lw=1.0, label="out of the trap")
-        )
+        handles.append(Line2D([], [], label="out of the trap", **OUT))
     if recording.accident:
         words = ACCIDENTS[recording.accident].replace("_", " ")
-        handles.append(Line2D([], [], label=words, **_wreck()))
+        handles.append(Line2D([], [], label=words, **WRECK))
     return handles

@@ -6,14 +6,13 @@ be won a corner is hatched, where none can all of it is.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from lanewise.errors import LanewiseError
 from lanewise.evaluation.grid import Cell, fold, pool
 from lanewise.extras import needed_for
-from lanewise.report import style
+from lanewise.report import figure_style as style
+from lanewise.report.figure_style import Look
 
 with needed_for("the map"):
     import matplotlib
@@ -49,8 +48,8 @@ CORNER = 0.45
 
 
 @dataclass(frozen=True)
-class View:
-    """Which axes a map shows."""
+class MapAxes:
+    """Which axes of a grid a map shows."""
 
     x: str = "ego_speed"
     """Along the horizontal axis."""
@@ -60,25 +59,9 @@ class View:
     """One column of panels for each value."""
 
 
-def write_map(cells: Sequence[Cell], path: Path | str, view: View | None = None) -> None:
-    """Draw a map into a PNG or SVG file; the same cells give the same file.
-
-    Args:
-        cells: of a whole grid.
-        path: ending in .png or .svg.
-        view: the axes shown; ego speed, trap speed and lanes if none is given.
-
-    Raises:
-        LanewiseError: if there are no cells, or the file cannot be written.
-    """
-    if not cells:
-        raise LanewiseError("there are no starts to draw")
-    style.write(path, lambda: draw(cells, view or View()))
-
-
 @style.look()
-def draw(cells: Sequence[Cell], view: View) -> Figure:
-    """The figure of `write_map`."""
+def draw(cells: Sequence[Cell], view: MapAxes) -> Figure:
+    """The map of a whole grid's cells."""
     values = {axis: sorted({getattr(c.point, axis) for c in cells}) for axis in LABELS}
     columns = values[view.panel]
     across, down = len(values[view.x]), len(values[view.y])
@@ -94,7 +77,7 @@ def draw(cells: Sequence[Cell], view: View) -> Figure:
             own = [cell for cell in cells if getattr(cell.point, view.panel) == value]
             _panel(axes, own, view, values, (rate, scale))
             if row == 0:
-                axes.set_title(f"{_short(value)} {LABELS[view.panel][1]}", fontsize="medium")
+                axes.set_title(f"{value:g} {LABELS[view.panel][1]}", fontsize="medium")
         panels[row, 0].set_ylabel(LABELS[view.y][0])
         figure.colorbar(scale, ax=list(panels[row]), label=label, aspect=14, pad=0.02)
     for axes in panels[1]:
@@ -105,17 +88,14 @@ def draw(cells: Sequence[Cell], view: View) -> Figure:
     return figure
 
 
-def _key(cells: Sequence[Cell], view: View) -> list[Patch]:
+def _key(cells: Sequence[Cell], view: MapAxes) -> list[Patch]:
     """What hatching means, as far as it occurs."""
     fields = fold(cells, view.panel, view.x, view.y).values()
-    winnable = [(pool(own, "winnable").starts, len(own)) for own in fields]
+    won = [(pool(own, "winnable").starts, len(own)) for own in fields]
+    some, none = any(0 < part < whole for part, whole in won), any(part == 0 for part, _ in won)
     kinds = (
-        (
-            any(0 < won < all_ for won, all_ in winnable),
-            "white",
-            "some cannot be won (winnable/all)",
-        ),
-        (any(won == 0 for won, _ in winnable), UNWINNABLE, "none can be won"),
+        (some, "white", "some cannot be won (winnable/all)"),
+        (none, UNWINNABLE, "none can be won"),
     )
     return [
         Patch(facecolor=colour, edgecolor="0.3", hatch=HATCH, label=label)
@@ -127,19 +107,17 @@ def _key(cells: Sequence[Cell], view: View) -> list[Patch]:
 def _panel(
     axes: Axes,
     cells: Sequence[Cell],
-    view: View,
+    view: MapAxes,
     values: dict[str, list[float]],
     shown: tuple[str, ScalarMappable],
 ) -> None:
     """One panel: a coloured field with its number for each pair of values."""
+    across, down = values[view.x], values[view.y]
     for (x, y), own in fold(cells, view.x, view.y).items():
-        _field(axes, (values[view.x].index(x), values[view.y].index(y)), own, shown)
-    for limits, ticks, axis in (
-        (axes.set_xlim, axes.set_xticks, view.x),
-        (axes.set_ylim, axes.set_yticks, view.y),
-    ):
-        limits(-0.5, len(values[axis]) - 0.5)
-        ticks(range(len(values[axis])), [_short(value) for value in values[axis]])
+        _field(axes, (across.index(x), down.index(y)), own, shown)
+    axes.set(xlim=(-0.5, len(across) - 0.5), ylim=(-0.5, len(down) - 0.5))
+    axes.set_xticks(range(len(across)), [f"{value:g}" for value in across])
+    axes.set_yticks(range(len(down)), [f"{value:g}" for value in down])
     axes.tick_params(length=0.0)
 
 
@@ -151,23 +129,24 @@ def _field(
     share = pool(cells, "winnable")
     lost = len(cells) - share.starts
     percent = 100.0 * getattr(share, rate) if share.starts else 0.0
-    colour = to_rgb(UNWINNABLE)
-    if share.starts:
-        red, green, blue, _ = (float(part) for part in scale.to_rgba(np.asarray([percent]))[0])
-        colour = (red, green, blue)
+    colour = to_rgb(scale.cmap(percent / 100.0) if share.starts else UNWINNABLE)
     # Luma, as in ITU-R BT.601.
     ink = "black" if np.dot(colour, (0.299, 0.587, 0.114)) > 0.5 else "white"
     x, y = place
-    axes.add_patch(
-        Rectangle((x - 0.5, y - 0.5), 1.0, 1.0, facecolor=colour, edgecolor="white", linewidth=0.8)
-    )
+    look: Look = {"facecolor": colour, "edgecolor": "white", "linewidth": 0.8}
+    field = axes.add_patch(Rectangle((x - 0.5, y - 0.5), 1.0, 1.0, **look))
     if lost:
         # All of a lost field is hatched, of others a corner that leaves room for their numbers.
-        size = CORNER if share.starts else 1.0
-        corner = [(x + 0.5, y + 0.5), (x + 0.5 - size, y + 0.5), (x + 0.5, y + 0.5 - size)]
-        whole = [] if share.starts else [(x - 0.5, y - 0.5)]
-        corner = [*corner[:2], *whole, corner[2]]
-        axes.add_patch(Polygon(corner, fill=False, edgecolor=ink, linewidth=0.0, hatch=HATCH))
+        size, right, top = CORNER if share.starts else 2.0, x + 0.5, y + 0.5
+        corner = Polygon(
+            [(right, top), (right - size, top), (right, top - size)],
+            fill=False,
+            edgecolor=ink,
+            linewidth=0.0,
+            hatch=HATCH,
+        )
+        axes.add_patch(corner)
+        corner.set_clip_path(field)
     if share.starts:
         axes.text(x, y, figure_of(percent), color=ink, ha="center", va="center", fontsize=8.0)
     if lost and share.starts:
@@ -180,7 +159,3 @@ def figure_of(percent: float) -> str:
     if percent in (0.0, 100.0):
         return f"{percent:.0f}"
     return f"{min(max(percent, 0.1), 99.9):.1f}"
-
-
-def _short(value: float) -> str:
-    return f"{value:g}"

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from lanewise.evaluation.grid import DENOMINATORS, Cell, Grid, Outcome, Point, Reach, fold, pool
-from lanewise.evaluation.statistics import Interval
-from lanewise.report.escape import cell as plain
-from lanewise.report.escape import code, finite
-from lanewise.report.files import write_text
-from lanewise.report.map import View, figure_of, write_map
+from lanewise.report import sweep_map, tables
+from lanewise.report.figure_style import save
+from lanewise.report.markup import cell as plain
+from lanewise.report.markup import code, finite
+from lanewise.report.output_files import write_text
 from lanewise.report.provenance import machine, source, versions
+from lanewise.report.sweep_map import MapAxes, figure_of
 
 TITLES = {
     "all": "all starts",
@@ -23,18 +24,20 @@ TITLES = {
 }
 COLUMNS = (*Point._fields, *(f.name for f in fields(Reach)), *(f.name for f in fields(Outcome)))
 """Of the table of starts in `map.json`."""
-VIEWS = {
-    "map": (View(), "ego speed and trap speed, by lanes"),
-    "map-distances": (View("side_distance", "front_distance", "lanes"), "D2 and D1, by lanes"),
-    "map-traffic": (View("spacing", "vehicles_behind", "lanes"), "spacing and behind, by lanes"),
+MAPS = {
+    "map": (MapAxes(), "ego speed and trap speed, by lanes"),
+    "map-distances": (MapAxes("side_distance", "front_distance"), "D2 and D1, by lanes"),
+    "map-traffic": (MapAxes("spacing", "vehicles_behind"), "spacing and behind, by lanes"),
 }
 """File names of the maps, what they show, and their captions."""
+RATES = {"escape": "success (paper)", "success": "success", "accident": "accidents"}
+"""Rates of a `Share`, and their titles."""
 WORST = 8
 """Fields of the map that the page lists as the worst."""
 
 
 @dataclass(frozen=True)
-class Sweep:
+class SweepResult:
     """A controller over a grid."""
 
     controller: str
@@ -58,7 +61,7 @@ class Sweep:
     """All starts, in the grid's order."""
 
 
-def write_sweep(directory: Path | str, sweep: Sweep) -> Path:
+def write_sweep(directory: Path | str, sweep: SweepResult) -> Path:
     """Write `map.json`, the maps as PNG and SVG, and `map.md`.
 
     Returns:
@@ -70,21 +73,17 @@ def write_sweep(directory: Path | str, sweep: Sweep) -> Path:
     directory = Path(directory)
     document = to_json(sweep)
     write_text(directory / "map.json", _dump(document))
-    drawn = {name: VIEWS[name] for name in VIEWS if name == "map" or _varies(sweep.grid, name)}
-    for name, (view, _) in drawn.items():
-        for suffix in (".png", ".svg"):
-            write_map(sweep.cells, directory / f"{name}{suffix}", view)
-    page = _page(sweep, document, {name: caption for name, (_, caption) in drawn.items()})
-    write_text(directory / "map.md", page)
+    captions = {}
+    for name, (axes, caption) in MAPS.items():
+        sizes = (len(getattr(sweep.grid, axis)) for axis in (axes.x, axes.y))
+        if name == "map" or max(sizes) > 1:
+            captions[name] = caption
+            save(sweep_map.draw(sweep.cells, axes), directory / name)
+    write_text(directory / "map.md", _page(sweep, document, captions))
     return directory / "map.md"
 
 
-def _varies(grid: Grid, name: str) -> bool:
-    view = VIEWS[name][0]
-    return len(getattr(grid, view.x)) > 1 or len(getattr(grid, view.y)) > 1
-
-
-def to_json(sweep: Sweep) -> dict[str, Any]:
+def to_json(sweep: SweepResult) -> dict[str, Any]:
     """Everything known of a sweep as plain values, the starts as rows under `columns`."""
     return {
         "controller": sweep.controller,
@@ -107,20 +106,6 @@ def to_json(sweep: Sweep) -> dict[str, Any]:
     }
 
 
-def cells_of(document: Mapping[str, Any]) -> list[Cell]:
-    """The starts of a `map.json`, to draw or to count them anew."""
-    rows = [dict(zip(document["columns"], row, strict=True)) for row in document["starts"]]
-    return [
-        Cell(
-            Point(**{name: row[name] for name in Point._fields}),
-            Reach(**{f.name: row[f.name] for f in fields(Reach)}),
-            # Older maps lack the paper's success.
-            Outcome(**{f.name: row[f.name] for f in fields(Outcome) if f.name in row}),
-        )
-        for row in rows
-    ]
-
-
 def _dump(document: Mapping[str, Any]) -> str:
     """JSON with a line for each start."""
     rows = [json.dumps(finite(row), allow_nan=False) for row in document["starts"]]
@@ -128,39 +113,31 @@ def _dump(document: Mapping[str, Any]) -> str:
     return head.replace('"starts": []', '"starts": [\n    ' + ",\n    ".join(rows) + "\n  ]") + "\n"
 
 
-def table(cells: Sequence[Cell]) -> str:
+def totals(cells: Sequence[Cell]) -> str:
     """Both successes and accidents over each denominator, as Markdown."""
-    lines = [
-        "| over | starts | episodes | success (paper) | success | accidents |",
-        "|---|---:|---:|---:|---:|---:|",
-    ]
+    rows = []
     for name, title in TITLES.items():
         share = pool(cells, name)
-        counts = f"| {title} | {share.starts} | {share.episodes} |"
-        if not share.episodes:
-            lines.append(f"{counts} - | - | - |")
-            continue
-        numbers = share.to_json()
-        rates = (
-            _rate(numbers[f"{name}_rate"], numbers[f"{name}_interval"])
-            for name in ("escape", "success", "accident")
-        )
-        lines.append(f"{counts} {' | '.join(rates)} |")
-    return "\n".join(lines)
+        rates = [tables.UNKNOWN] * len(RATES)
+        if share.episodes:
+            numbers = share.to_json()
+            rates = [_rate(numbers[f"{rate}_rate"], numbers[f"{rate}_interval"]) for rate in RATES]
+        rows.append([title, str(share.starts), str(share.episodes), *rates])
+    return tables.markdown(["over", "starts", "episodes", *RATES.values()], rows)
 
 
-def _rate(value: float, interval: Interval | None) -> str:
+def _rate(value: float, interval: Sequence[float] | None) -> str:
     if interval is None:
-        return "-"
+        return tables.UNKNOWN
     low, high = (f"{100.0 * end:.2f}" for end in interval)
     return f"{100.0 * value:.2f} % ({low}, {high})"
 
 
-def _page(sweep: Sweep, document: Mapping[str, Any], captions: Mapping[str, str]) -> str:
+def _page(sweep: SweepResult, document: Mapping[str, Any], captions: Mapping[str, str]) -> str:
     parts = [
         f"# {plain(sweep.controller)} over a grid of starts",
         f"{code(sweep.command)}, {document['date']}",
-        table(sweep.cells),
+        totals(sweep.cells),
         "In parentheses exact 95 % intervals of the pooled episodes. Success is to get past the "
         "trap without an accident, not even later; the paper's success forgives a later accident. "
         "A start is winnable unless no sequence of the nine actions, without other traffic, is an "
@@ -178,30 +155,24 @@ def _page(sweep: Sweep, document: Mapping[str, Any], captions: Mapping[str, str]
 
 def _worst(cells: Sequence[Cell]) -> str:
     """The fields of the map with the least success over their winnable starts."""
-    shares = {
-        place: pool(own, "winnable")
-        for place, own in fold(cells, "ego_speed", "trap_speed", "lanes").items()
-    }
-    known = [(place, share) for place, share in shares.items() if share.episodes]
+    places = fold(cells, "ego_speed", "trap_speed", "lanes").items()
+    shares = [(place, pool(own, "winnable")) for place, own in places]
+    known = [(place, share) for place, share in shares if share.episodes]
     known.sort(key=lambda item: item[1].success_rate)
-    lines = [
-        "| ego, m/s | trap, m/s | lanes | winnable starts "
-        "| success (paper) | success | accidents |",
-        "|---:|---:|---:|---:|---:|---:|---:|",
-    ]
-    for (ego, trap, lanes), share in known[:WORST]:
-        rates = " | ".join(
-            f"{figure_of(100.0 * rate)} %" if isfinite(rate) else "-"
-            for rate in (share.escape_rate, share.success_rate, share.accident_rate)
-        )
-        lines.append(f"| {ego:g} | {trap:g} | {lanes} | {share.starts} | {rates} |")
-    return "\n".join(lines)
+    rows = []
+    for place, share in known[:WORST]:
+        rates = (100.0 * getattr(share, f"{name}_rate") for name in RATES)
+        shown = (f"{figure_of(rate)} %" if isfinite(rate) else tables.UNKNOWN for rate in rates)
+        rows.append([*(f"{value:g}" for value in place), str(share.starts), *shown])
+    heads = ["ego, m/s", "trap, m/s", "lanes", "winnable starts", *RATES.values()]
+    return tables.markdown(heads, rows, texts=0)
 
 
-def _world(sweep: Sweep) -> str:
+def _world(sweep: SweepResult) -> str:
     """What every start had in common, and what the axes were."""
     of, axes = sweep.settings, vars(sweep.grid)
-    traffic = {name: of[f"scenario.traffic.{name}"] for name in _TRAFFIC}
+    names = ("vehicles_ahead", "speed", "first_gap", "spacing_jitter", "gap_behind")
+    traffic = {name: of[f"scenario.traffic.{name}"] for name in names}
     lines = [
         f"- {sweep.episodes} greedy episodes of {of['evaluation.duration']} s from each start, "
         f"traffic from seed {sweep.seed}; lanes {of['scenario.lane_width']:g} m wide.",
@@ -214,6 +185,3 @@ def _world(sweep: Sweep) -> str:
         "settings are in `map.json`.",
     ]
     return "\n".join(lines)
-
-
-_TRAFFIC = ("vehicles_ahead", "speed", "first_gap", "spacing_jitter", "gap_behind")

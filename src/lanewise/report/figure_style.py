@@ -1,6 +1,6 @@
 """How every figure looks, and how it is written: one place for fonts, lines, bands and files."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,18 +10,20 @@ from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
 from lanewise.extras import needed_for
-from lanewise.report.escape import line
-from lanewise.report.files import check_suffix, replacing
+from lanewise.report.markup import line
+from lanewise.report.output_files import replacing
 
 with needed_for("a figure"):
     import matplotlib.style
     import matplotlib.ticker
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as Figure
+    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 Look = dict[str, Any]
 """Keywords of a matplotlib artist."""
 
@@ -36,7 +38,6 @@ DRAWN, THIN = 1.6, 0.5
 GRID = "0.9"
 MUTED = "0.35"
 """Greys of the grid and of what is less important."""
-MINUS, TIMES = "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}"
 
 
 class Style(NamedTuple):
@@ -86,23 +87,22 @@ def look() -> Iterator[None]:
         yield
 
 
-def write(path: Path | str, draw: Callable[[], Figure]) -> None:
-    """Draw a figure into a PNG or SVG file; the same figure gives the same bytes.
+def save(figure: Figure, path: Path, suffixes: Iterable[str] = FORMATS) -> None:
+    """Write a figure into a PNG and an SVG file; the same data give the same bytes.
 
     Args:
-        path: ending in .png or .svg; it appears only when complete.
-        draw: makes the figure; called once the path has been found good.
+        figure: freshly drawn.
+        path: without an ending; each file appears only when complete.
+        suffixes: of the files.
 
     Raises:
-        LanewiseError: for any other suffix, if `draw` refuses its data, or if the file cannot be
-            written.
+        LanewiseError: a file cannot be written.
     """
-    suffix = check_suffix(path, FORMATS)
-    # Without the date in it, the same data give the same file.
-    metadata = {"Date": None} if suffix == ".svg" else {"Software": "lanewise"}
-    figure = draw()
-    with look(), replacing(path) as beside:
-        figure.savefig(beside, format=suffix[1:], dpi=DPI, metadata=metadata)
+    for suffix in suffixes:
+        # Without the date in it, the same data give the same file.
+        metadata = {"Date": None} if suffix == ".svg" else {"Software": "lanewise"}
+        with look(), replacing(path.with_name(path.name + suffix)) as beside:
+            figure.savefig(beside, format=suffix[1:], dpi=DPI, metadata=metadata)
 
 
 def styles(titles: Iterable[str]) -> dict[str, Style]:
@@ -131,25 +131,17 @@ def band(
 
     The edges keep the style's dashes, so that bands differ in grey too.
     """
-    axes.fill_between(
-        x,
-        low,
-        high,
-        color=style.colour,
-        alpha=0.13,
-        linewidth=0.0,
-        step="post" if stepped else None,
-    )
+    pale: Look = {"color": style.colour, "alpha": 0.13, "linewidth": 0.0}
+    axes.fill_between(x, low, high, step="post" if stepped else None, **pale)
+    thin: Look = {"color": style.colour, "alpha": 0.7, "linewidth": THIN, "linestyle": style.dashes}
     for edge in (low, high):
-        axes.plot(
-            x,
-            edge,
-            color=style.colour,
-            linestyle=style.dashes,
-            linewidth=THIN,
-            alpha=0.7,
-            drawstyle="steps-post" if stepped else "default",
-        )
+        axes.plot(x, edge, drawstyle="steps-post" if stepped else "default", **thin)
+
+
+def key(own: Style, title: str, count: int, noun: str) -> Line2D:
+    """A curve's entry in a legend, with how many of what it is the mean of."""
+    label = f"{plain(title)} ({count} {noun}{'s' if count > 1 else ''})"
+    return Line2D([], [], color=own.colour, ls=own.dashes, lw=DRAWN, label=label)
 
 
 def band_key(label: str) -> Patch:

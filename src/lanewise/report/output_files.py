@@ -74,18 +74,6 @@ def _check_writable(path: Path) -> None:
         raise LanewiseError(f"cannot write {path}: {error.strerror}") from error
 
 
-def check_suffix(path: Path | str, allowed: tuple[str, ...]) -> str:
-    """The suffix of a path in lower case.
-
-    Raises:
-        LanewiseError: if it is none of the allowed ones.
-    """
-    suffix = Path(path).suffix.lower()
-    if suffix not in allowed:
-        raise LanewiseError(f"cannot write {path}: the name must end in {' or '.join(allowed)}")
-    return suffix
-
-
 def write_text(path: Path | str, text: str) -> None:
     """Write a text file as UTF-8."""
     with replacing(path) as beside:

@@ -1,16 +1,16 @@
 """Every arm, seed by seed: a dot a seed, a line at their mean, the published value dashed."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from textwrap import fill
 
 import numpy as np
 
 from lanewise.evaluation.metrics import METRICS, PUBLISHED, Metric
 from lanewise.extras import needed_for
-from lanewise.report import style
-from lanewise.report.arms import ArmFigures, head
-from lanewise.report.style import Style
+from lanewise.report import figure_style as style
+from lanewise.report.experiment_tables import ArmFigures
+from lanewise.report.figure_style import Style
+from lanewise.report.tables import head, scale
 
 with needed_for("the figure of all seeds"):
     from matplotlib.artist import Artist
@@ -30,23 +30,14 @@ SPREAD = 0.22
 """How far the dots of a row are spread around its middle, so that equal values do not overlap."""
 
 
-def write(arms: Sequence[ArmFigures], world: str, path: Path | str) -> None:
-    """Draw the tests of every arm in a world into a PNG or SVG file.
+@style.look()
+def draw(arms: Sequence[ArmFigures], world: str) -> Figure:
+    """The tests of every arm in a world.
 
     Args:
         arms: from above to below; those without a test in the world are left out.
-        world: where they drove.
-        path: ending in .png or .svg.
-
-    Raises:
-        LanewiseError: if the file cannot be written.
+        world: its name.
     """
-    style.write(path, lambda: draw(arms, world))
-
-
-@style.look()
-def draw(arms: Sequence[ArmFigures], world: str) -> Figure:
-    """The figure of `write`."""
     tested = [arm for arm in arms if arm.tests.get(world)]
     metrics = [metric for name in SHOWN for metric in METRICS if metric.name == name]
     figure = Figure(figsize=(style.WIDTH, HEAD + ROW * len(tested)), layout="constrained")
@@ -69,7 +60,7 @@ def draw(arms: Sequence[ArmFigures], world: str) -> Figure:
 
 
 def _row(axes: Axes, row: int, metric: Metric, arm: ArmFigures, world: str) -> None:
-    values = _scale(metric) * np.array(arm.values(world, metric.name))
+    values = scale(metric) * np.array(arm.values(world, metric.name))
     height = row + SPREAD * np.linspace(-1.0, 1.0, len(values)) if len(values) > 1 else [row]
     own = _own(arm)
     axes.plot(values, height, own.marker, color=own.colour, markersize=3.4, alpha=0.75)
@@ -82,7 +73,7 @@ def _published(axes: Axes, metric: Metric, arms: Sequence[ArmFigures]) -> None:
         value = PUBLISHED.get(controller, {}).get(metric.name)
         if value is not None:
             colour = style.STYLES[style.OWN[controller]].colour
-            axes.axvline(_scale(metric) * value, color=colour, linestyle=(0, (4, 2)), linewidth=0.9)
+            axes.axvline(scale(metric) * value, color=colour, linestyle=(0, (4, 2)), linewidth=0.9)
 
 
 def _own(arm: ArmFigures) -> Style:
@@ -102,7 +93,3 @@ def _key(arms: Sequence[ArmFigures]) -> list[Artist]:
     handles.append(Line2D([], [], color="0.3", linewidth=style.DRAWN, label="mean over seeds"))
     handles.append(Line2D([], [], color="0.3", linestyle=(0, (4, 2)), label="published"))
     return handles
-
-
-def _scale(metric: Metric) -> float:
-    return 100.0 if metric.rate else 1.0

@@ -1,0 +1,264 @@
+"""Tables of an experiment as Markdown and text: a row for each arm, figures over its seeds."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite, nan
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+
+from lanewise.evaluation.aggregates import (
+    estimate,
+    interquartile_mean,
+    probability_of_improvement,
+)
+from lanewise.evaluation.metrics import (
+    METRICS,
+    PUBLISHED,
+    PUBLISHED_TRAINING,
+    TRAINING_WINDOW,
+    Metric,
+    Summary,
+)
+from lanewise.report import tables
+from lanewise.report.markup import cell, line
+from lanewise.report.tables import UNKNOWN, digits, head, number, scale, spread, unit
+from lanewise.runs.selected_weights import SelectedWeights
+
+PAPER = (
+    *("accumulated_reward", "average_speed", "escape_rate", "success_rate"),
+    *("travel_distance", "accident_rate"),
+)
+"""The metrics of the paper's test table, in its order, our stricter success beside the paper's."""
+SHOWN: tuple[Metric, ...] = tuple(m for name in PAPER for m in METRICS if m.name == name)
+OVER_SEEDS = ("escape_rate", "success_rate", "accumulated_reward")
+"""Metrics with aggregates over seeds."""
+TRAINING = (
+    ("reward", "reward, 1 a decision", 1.0, 2),
+    ("timestep_reward", "reward, 1 a second", 1.0, 2),
+    ("speed", "speed, m/s", 1.0, 2),
+    ("escaped", "success (paper), %", 100.0, 1),
+    ("success", "success, %", 100.0, 1),
+)
+"""Measures of a training episode: column of the metrics, title, factor, decimal places."""
+WEIGHTS = (
+    ("escape_rate", "success (paper), %", 100.0, 1),
+    ("success_rate", "success, %", 100.0, 1),
+    ("accident_rate", "accidents, %", 100.0, 1),
+    ("reward", "reward, 1 a second", 1.0, 2),
+)
+"""Figures of kept and last weights, likewise."""
+EFFORT = ("decisions", "episodes", "updates", "seconds")
+"""What a training took, over all its stages."""
+
+Rows = Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class ArmFigures:
+    """What the tables need of an arm."""
+
+    title: str
+    """Its name for people."""
+    controller: str
+    """Name of its controller, by which published figures are found."""
+    seeds: Sequence[int]
+    """In the order of what follows."""
+    tests: Mapping[str, Sequence[Summary]]
+    """By world, one for each seed."""
+    training: Sequence[Rows] = field(default=())
+    """Training episodes of the last stage, one list for each seed; empty if nothing is trained."""
+    effort: Rows = field(default=())
+    """What each seed's training took: ``decisions``, ``episodes``, ``updates``, ``seconds``."""
+    unlike_paper: str | None = None
+    """How its tests differ from the published ones: empty if they do not, None if unknown."""
+    unlike_papers_training: str | None = None
+    """The same of its trainings."""
+
+    def values(self, world: str, metric: str) -> list[float]:
+        """A metric of every seed; NaN where it is unknown."""
+        return [summary.values.get(metric, nan) for summary in self.tests.get(world, ())]
+
+
+Unlike = Callable[[ArmFigures], str | None]
+UNLIKE_TEST: Unlike = attrgetter("unlike_paper")
+UNLIKE_TRAINING: Unlike = attrgetter("unlike_papers_training")
+"""How an arm's tests, or its trainings, differ from the published ones."""
+
+
+def tests(arms: Sequence[ArmFigures], world: str) -> str:
+    """The paper's test table: means over seeds, the lowest and the highest seed in parentheses."""
+    heads = ["arm", "seeds", *(head(metric) for metric in SHOWN)]
+    rows = []
+    for arm, published in _beside(arms, PUBLISHED, UNLIKE_TEST):
+        if published:
+            rows.append([f"*{cell(arm.controller)}, published*", "-", *_published(arm.controller)])
+        if arm.tests.get(world):
+            cells = (
+                spread([scale(m) * v for v in arm.values(world, m.name)], digits(m)) for m in SHOWN
+            )
+            rows.append([cell(arm.title), str(len(arm.tests[world])), *cells])
+    return _noted(tables.markdown(heads, rows), _left_out(arms, PUBLISHED, UNLIKE_TEST))
+
+
+def every_seed(arms: Sequence[ArmFigures], worlds: Sequence[str]) -> str:
+    """One row for each seed and world, rates with exact 95 % intervals."""
+    heads = ["arm", "seed", "world", "episodes", *(head(metric) for metric in SHOWN)]
+    rows = [
+        [
+            *(cell(arm.title), str(seed), world, str(arm.tests[world][place].episodes)),
+            *(tables.with_interval(metric, arm.tests[world][place]) for metric in SHOWN),
+        ]
+        for arm in arms
+        for place, seed in enumerate(arm.seeds)
+        for world in worlds
+        if place < len(arm.tests.get(world, ()))
+    ]
+    return tables.markdown(heads, rows) + "\n"
+
+
+def over_seeds(arms: Sequence[ArmFigures], reference: str | None, world: str = "lanewise") -> str:
+    """Interquartile means with bootstrap intervals, and how likely an arm beats the reference.
+
+    Args:
+        arms: an arm of one seed has no interval.
+        reference: title of the arm to compare the others with; None leaves the comparison out.
+        world: the world of the tests.
+    """
+    held = next((arm for arm in arms if arm.title == reference), None)
+    metrics = [metric for metric in METRICS if metric.name in OVER_SEEDS]
+    heads = ["arm"]
+    for metric in metrics:
+        heads.append(f"IQM of {head(metric)}")
+        if held is not None:
+            heads.append(f"P({metric.title} above {cell(held.title)})")
+    rows = []
+    for arm in arms:
+        if not arm.tests.get(world):
+            continue
+        row = [cell(arm.title)]
+        for metric in metrics:
+            scores = arm.values(world, metric.name)
+            known = all(map(isfinite, scores))
+            mean = estimate(interquartile_mean, scores) if known else None
+            row.append(tables.estimated(metric, mean) if mean else UNKNOWN)
+            if held is not None:
+                others = held.values(world, metric.name)
+                beside = arm is not held and known and others and all(map(isfinite, others))
+                ahead = estimate(probability_of_improvement, scores, others) if beside else None
+                row.append(tables.chance(ahead) if ahead else UNKNOWN)
+        rows.append(row)
+    return tables.markdown(heads, rows) + "\n"
+
+
+def training(arms: Sequence[ArmFigures]) -> str:
+    """The paper's training table: means of the last episodes, over seeds."""
+    heads = ["arm", "seeds", *(title for _, title, _, _ in TRAINING)]
+    rows = []
+    trained = [arm for arm in arms if arm.training]
+    for arm, published in _beside(trained, PUBLISHED_TRAINING, UNLIKE_TRAINING):
+        if published:
+            figures = PUBLISHED_TRAINING[arm.controller]
+            cells = [
+                spread([factor * figures.get(name, nan)], places)
+                for name, _, factor, places in TRAINING
+            ]
+            rows.append([f"*{cell(arm.controller)}, published*", "5", *cells])
+        cells = [
+            spread([factor * last_mean(episodes, name) for episodes in arm.training], places)
+            for name, _, factor, places in TRAINING
+        ]
+        rows.append([cell(arm.title), str(len(arm.training)), *cells])
+    left = _left_out(trained, PUBLISHED_TRAINING, UNLIKE_TRAINING)
+    return _noted(tables.markdown(heads, rows), left)
+
+
+def effort(arms: Sequence[ArmFigures]) -> str:
+    """What was run: means over seeds of what the trainings took, and the tests."""
+    heads = ["arm", "seeds", "decisions", "episodes", "updates", "updates a decision", "minutes"]
+    rows = []
+    for arm in arms:
+        cells = [UNKNOWN] * 5
+        if arm.effort:
+            decisions, episodes, updates, seconds = (
+                float(np.mean([each[name] for each in arm.effort])) for name in EFFORT
+            )
+            cells = [f"{value:,.0f}" for value in (decisions, episodes, updates)]
+            share = f"{updates / decisions:.3f}" if decisions else UNKNOWN
+            cells += [share, f"{seconds / 60:.1f}"]
+        tested = (summaries[0].episodes if summaries else 0 for summaries in arm.tests.values())
+        numbers = ", ".join(map(str, arm.seeds))
+        rows.append([cell(arm.title), numbers, *cells, " + ".join(map(str, tested))])
+    worlds = list(dict.fromkeys(world for arm in arms for world in arm.tests))
+    heads.append(f"tests of a seed in {' + '.join(map(cell, worlds))}")
+    return tables.markdown(heads, rows) + "\n"
+
+
+def weights(stages: Mapping[str, Sequence[SelectedWeights]]) -> str:
+    """Kept and last weights, a row for each stage: means over seeds, lowest and highest.
+
+    Args:
+        stages: by title, what each seed kept.
+    """
+    heads = ["stage", "kept by", "chosen for success, %"]
+    heads += [f"{title}: {of}" for _, title, _, _ in WEIGHTS for of in ("kept", "last")]
+    rows = []
+    for title, seeds in stages.items():
+        chosen = [100.0 * each for seed in seeds if (each := seed.chosen_for) is not None]
+        figures = (
+            spread([factor * seed.line[f"{of}_{name}"] for seed in seeds], places)
+            for name, _, factor, places in WEIGHTS
+            for of in ("kept", "last")
+        )
+        rows.append([cell(title), cell(seeds[0].line["rule"]), spread(chosen, 1), *figures])
+    return tables.markdown(heads, rows, texts=2) + "\n"
+
+
+def last_mean(rows: Rows, name: str) -> float:
+    """Mean of a measure over the last training episodes; NaN if unknown for one of them."""
+    last = [row.get(name) for row in rows[-TRAINING_WINDOW:]]
+    return float(np.mean([nan if value is None else value for value in last])) if last else nan
+
+
+def text(arms: Sequence[ArmFigures], world: str) -> str:
+    """The test table for a terminal, means alone."""
+    heads = [["", *(metric.title for metric in SHOWN)], ["", *(unit(metric) for metric in SHOWN)]]
+    rows = []
+    for arm, published in _beside(arms, PUBLISHED, UNLIKE_TEST):
+        if published:
+            rows.append([f"{arm.controller}, published", *_published(arm.controller)])
+        if arm.tests.get(world):
+            means = (float(np.mean(arm.values(world, metric.name))) for metric in SHOWN)
+            cells = map(number, SHOWN, means)
+            rows.append([f"{line(arm.title)} ({len(arm.tests[world])})", *cells])
+    return "\n".join([tables.text(heads, rows), *_left_out(arms, PUBLISHED, UNLIKE_TEST)]) + "\n"
+
+
+def _beside(
+    arms: Sequence[ArmFigures], published: Mapping[str, Any], unlike: Unlike
+) -> Iterator[tuple[ArmFigures, bool]]:
+    """Each arm, and whether its controller's published figures stand before it: once."""
+    seen: set[str] = set()
+    for arm in arms:
+        first = arm.controller in published and unlike(arm) == "" and arm.controller not in seen
+        if first:
+            seen.add(arm.controller)
+        yield arm, first
+
+
+def _left_out(
+    arms: Sequence[ArmFigures], published: Mapping[str, Any], unlike: Unlike
+) -> list[str]:
+    """Why some arms must not be compared with published figures."""
+    why = {arm.title: unlike(arm) for arm in arms if arm.controller in published}
+    return tables.left_out({title: reason for title, reason in why.items() if reason})
+
+
+def _noted(table: str, notes: Sequence[str]) -> str:
+    """A Markdown table with notes below it."""
+    return "\n".join([table, *(["", *map(cell, notes)] if notes else [])]) + "\n"
+
+
+def _published(controller: str) -> list[str]:
+    return [number(metric, PUBLISHED[controller].get(metric.name, nan)) for metric in SHOWN]
