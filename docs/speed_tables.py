@@ -1,12 +1,16 @@
 """Tables of the benchmark's stored figures, for ``make_results.py``."""
 
+import sys
+from pathlib import Path
 from typing import Any
 
 import ages
 
-from lanewise.bench import ratios, table
-from lanewise.bench.ratios import Ratio
-from lanewise.bench.task import Figure
+from lanewise.bench.measurement import Measurement, extras, number
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
+import ratios
+from ratios import Ratio
 
 AGE = ages.mark("results/bench.json", "what it says of updates and trainings")
 
@@ -25,9 +29,7 @@ def brief(bench: Any, machine: str) -> str:
     ]
     for ratio in _ratios(bench):
         if "1 core," not in ratio.what or "decision of one world" in ratio.what:
-            lines.append(
-                f"| {ratio.what} | {table.number(ratio.value)} {ratio.unit} | {ratio.how} |"
-            )
+            lines.append(f"| {ratio.what} | {number(ratio.value)} {ratio.unit} | {ratio.how} |")
     return "\n".join(lines) + "\n"
 
 
@@ -35,8 +37,8 @@ def _ratios(bench: Any) -> list[Ratio]:
     return ratios.of(_measured(bench), bench["machine"]["cores"])
 
 
-def _measured(bench: Any) -> list[Figure]:
-    return [Figure(**figure) for figure in bench["figures"]]
+def _measured(bench: Any) -> list[Measurement]:
+    return [Measurement(**figure) for figure in bench["figures"]]
 
 
 def whole(bench: Any, machine: str) -> str:
@@ -52,7 +54,8 @@ def whole(bench: Any, machine: str) -> str:
         "|---|---|---|---:|---|",
     ]
     for figure in _measured(bench):
-        besides = ", ".join(table.extras(figure))
-        value = f"{table.number(figure.value)} {figure.unit}"
-        lines.append(f"| {figure.part} | {figure.case} | {figure.subject} | {value} | {besides} |")
+        value = f"{number(figure.value)} {figure.unit}"
+        lines.append(
+            f"| {figure.part} | {figure.case} | {figure.subject} | {value} | {extras(figure)} |"
+        )
     return "\n".join(lines) + "\n"

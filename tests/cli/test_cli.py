@@ -115,7 +115,6 @@ REFUSALS = [
     ),
     (["bench", "wrld"], "PARTS must be one of start-up, world, latency"),
     (["bench", "--seconds", "0"], "--seconds must be between 0.1 and 3600 s, got 0.0"),
-    (["bench", "--python", "absent"], "absent is no Python interpreter"),
     (["reproduce", "--out", "report", "--scenario.lanes", "0"], "must be between 2 and 8, got 0"),
 ]
 

@@ -4,10 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from lanewise.bench.parts import evaluation, latency, level, start_up, training, update, world
-from lanewise.bench.task import Figure
+from lanewise.bench.measurement import Measurement, number
+from lanewise.bench.suite import training_case
 
 OURS = "lanewise"
+SB3_TRAINING = "Stable-Baselines3, DQN on highway-env"
+LEVEL = "lanewise train hierarchical --preset quick"
+LEVEL_CACHED = f"{LEVEL}, JAX_COMPILATION_CACHE_DIR set, second time"
 
 
 @dataclass(frozen=True)
@@ -22,7 +25,7 @@ class Ratio:
     """Which figures it comes from."""
 
 
-def of(figures: Sequence[Figure], cores: int) -> list[Ratio]:
+def of(figures: Sequence[Measurement], cores: int) -> list[Ratio]:
     """Every comparison that the figures allow.
 
     Args:
@@ -38,27 +41,27 @@ def of(figures: Sequence[Figure], cores: int) -> list[Ratio]:
     ]
 
 
-def _worlds(figures: Sequence[Figure], cores: int) -> list[Ratio]:
+def _worlds(figures: Sequence[Measurement], cores: int) -> list[Ratio]:
     """Our best number of worlds against each peer with the same vehicles and cores."""
     found = []
-    for case in _cases(figures, world.PART):
-        ours = _best(figures, world.PART, case, OURS)
+    for case in _cases(figures, "world"):
+        ours = _best(figures, "world", case, OURS)
         for peer in ("EnvPool", "highway-env"):
-            theirs = _best(figures, world.PART, case, peer)
+            theirs = _best(figures, "world", case, peer)
             if ours and theirs:
                 found.append(_times(f"world, {case}, against {peer}", ours, theirs))
-        alone = _best(figures, world.PART, case.replace(f"{cores} cores", "1 core"), "highway-env")
+        alone = _best(figures, "world", case.replace(f"{cores} cores", "1 core"), "highway-env")
         if ours and alone and cores > 1 and case.endswith(f"{cores} cores"):
             what = f"world, {case}, against one highway-env"
             found.append(_times(what, ours, alone))
     return found
 
 
-def _latencies(figures: Sequence[Figure]) -> list[Ratio]:
+def _latencies(figures: Sequence[Measurement]) -> list[Ratio]:
     found = []
-    for case in _cases(figures, latency.PART):
-        ours = _best(figures, latency.PART, case, OURS)
-        theirs = _best(figures, latency.PART, case, "highway-env")
+    for case in _cases(figures, "latency"):
+        ours = _best(figures, "latency", case, OURS)
+        theirs = _best(figures, "latency", case, "highway-env")
         if ours and theirs:
             how = f"{theirs.value:,.0f} / {ours.value:,.0f} {ours.unit}"
             what = f"one decision of one world, {case}, against highway-env"
@@ -66,18 +69,18 @@ def _latencies(figures: Sequence[Figure]) -> list[Ratio]:
     return found
 
 
-def _updates(figures: Sequence[Figure]) -> list[Ratio]:
+def _updates(figures: Sequence[Measurement]) -> list[Ratio]:
     """Against the fastest of PyTorch's, and as a share of the fastest matrix product measured."""
     found = []
-    for case in _cases(figures, update.PART):
-        ours = _best(figures, update.PART, case, OURS)
+    for case in _cases(figures, "update"):
+        ours = _best(figures, "update", case, OURS)
         if ours is None:
             continue
         for peer in ("PyTorch, double DQN", "Stable-Baselines3, DQN"):
-            theirs = _best(figures, update.PART, case, peer)
+            theirs = _best(figures, "update", case, peer)
             if theirs:
                 found.append(_times(f"update, {case}, against {peer}", ours, theirs))
-        product = _best(figures, update.PART, case, "matrix product")
+        product = _best(figures, "update", case, "matrix product")
         if product:
             done = ours.detail["gflop_per_second"]
             found.append(
@@ -91,43 +94,23 @@ def _updates(figures: Sequence[Figure]) -> list[Ratio]:
     return found
 
 
-def _level(figures: Sequence[Figure], cores: int) -> list[Ratio]:
-    times = [
-        figure.value for figure in figures if (figure.part, figure.case) == (level.PART, level.CASE)
-    ]
+def _level(figures: Sequence[Measurement], cores: int) -> list[Ratio]:
+    times = [each.value for each in figures if (each.part, each.case) == ("level", LEVEL)]
     if not times:
         return []
     typical = median(times)
-    found = [
-        Ratio(
-            "a hierarchical controller at the paper's level",
-            typical,
-            "s",
-            f"median of {len(times)} seeds, {min(times):.0f} to {max(times):.0f} s",
-        )
-    ]
-    sb3 = next(
-        (
-            figure
-            for figure in figures
-            if figure.subject == training.SUBJECT_SB3 and figure.case == training.case(False, cores)
-        ),
-        None,
-    )
+    how = f"median of {len(times)} seeds, {min(times):.0f} to {max(times):.0f} s"
+    found = [Ratio("a hierarchical controller at the paper's level", typical, "s", how)]
+    sb3 = _best(figures, "training", training_case(False, cores), SB3_TRAINING)
     if sb3:
-        found.append(
-            Ratio(
-                "steps that Stable-Baselines3's DQN takes on highway-env in that time",
-                typical * sb3.value,
-                "steps",
-                f"{typical:.0f} s x {sb3.value:.1f} {sb3.unit}",
-            )
-        )
+        what = "steps that Stable-Baselines3's DQN takes on highway-env in that time"
+        how = f"{typical:.0f} s x {sb3.value:.1f} {sb3.unit}"
+        found.append(Ratio(what, typical * sb3.value, "steps", how))
     return found
 
 
-def _commands(figures: Sequence[Figure]) -> list[Ratio]:
-    wanted = {(start_up.PART, "lanewise --help"), (evaluation.PART, "lanewise")}
+def _commands(figures: Sequence[Measurement]) -> list[Ratio]:
+    wanted = {("start-up", "lanewise --help"), ("evaluation", "lanewise")}
     return [
         Ratio(figure.case, figure.value, figure.unit, figure.part)
         for figure in figures
@@ -135,11 +118,11 @@ def _commands(figures: Sequence[Figure]) -> list[Ratio]:
     ]
 
 
-def _cases(figures: Sequence[Figure], part: str) -> list[str]:
+def _cases(figures: Sequence[Measurement], part: str) -> list[str]:
     return list(dict.fromkeys(figure.case for figure in figures if figure.part == part))
 
 
-def _best(figures: Sequence[Figure], part: str, case: str, subject: str) -> Figure | None:
+def _best(figures: Sequence[Measurement], part: str, case: str, subject: str) -> Measurement | None:
     """The largest figure of a subject, whose name begins so."""
     found = [
         figure
@@ -149,7 +132,17 @@ def _best(figures: Sequence[Figure], part: str, case: str, subject: str) -> Figu
     return max(found, key=lambda figure: figure.value, default=None)
 
 
-def _times(what: str, ours: Figure, theirs: Figure) -> Ratio:
+def _times(what: str, ours: Measurement, theirs: Measurement) -> Ratio:
     who = f"{ours.subject} / {theirs.subject}"
     how = f"{ours.value:,.0f} / {theirs.value:,.0f} {ours.unit} ({who})"
     return Ratio(what, ours.value / theirs.value, "times", how)
+
+
+def table(found: Sequence[Ratio]) -> str:
+    """Comparisons for a terminal."""
+    width = max((len(ratio.what) for ratio in found), default=0)
+    lines = [
+        f"  {ratio.what:<{width}} {number(ratio.value):>9} {ratio.unit:<6} {ratio.how}"
+        for ratio in found
+    ]
+    return "\n".join(["", "", "side by side", *lines]) if found else ""
