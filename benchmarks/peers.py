@@ -18,10 +18,9 @@ import ratios
 from ratios import LEVEL, LEVEL_CACHED, SB3_TRAINING
 
 from lanewise import cores
-from lanewise.bench import suite
+from lanewise.bench import session, suite
 from lanewise.bench.suite import LANES, Benchmark, plural, training_case, update_case
 from lanewise.bench.workloads import update_flops
-from lanewise.commands.bench import Session, check_out
 from lanewise.driving import actions, observation
 from lanewise.errors import LanewiseError, shell_line
 from lanewise.learning.settings import LearnerSettings
@@ -171,7 +170,7 @@ def main(words=None):
     options = parser.parse_args(words)
     if unknown := set(options.parts) - set(PARTS):
         parser.error(f"unknown part {sorted(unknown)[0]}; use {', '.join(PARTS)}")
-    check_out(options.out)
+    session.check_out(options.out)
     versions = {path: installed(path) for path in (Path(sys.executable), *options.python)}
     python = {}
     for peer, needs in NEEDS.items():
@@ -185,15 +184,15 @@ def main(words=None):
         found = ratios.of(figures, count)
         return {"ratios": [asdict(ratio) for ratio in found]}, ratios.table(found)
 
-    session = Session(
-        benchmarks=[each for each in ordered([*ours, *theirs]) if each.part in chosen],
-        about={"command": shell_line("python", *sys.argv), "seconds": options.seconds},
+    return session.run(
+        [each for each in ordered([*ours, *theirs]) if each.part in chosen],
+        {"command": shell_line("python", *sys.argv), "seconds": options.seconds},
+        options.out,
+        notes=[f"not installed, left out: {peer}" for peer in NEEDS if peer not in python],
         # Of each peer where it is measured first.
         versions={name: v for there in reversed(versions.values()) for name, v in there.items()},
         compare=compare,
     )
-    missing = [f"not installed, left out: {peer}" for peer in NEEDS if peer not in python]
-    return session.run(options.out, missing)
 
 
 if __name__ == "__main__":

@@ -12,19 +12,19 @@ chosen; the test start is not looked at. The same command continues what was sto
 """
 
 import argparse
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from lanewise import config, cores, version
+sys.path.append(str(Path(__file__).parents[1] / "campaigns"))
+import record
+
+from lanewise import config, cores
 from lanewise.experiments import schedule
 from lanewise.experiments.work import Job
-from lanewise.report import provenance
 from lanewise.runs import kept, lock, metrics, trained
 from lanewise.runs.folder import RunFolder
 
@@ -153,20 +153,11 @@ def write(out: Path) -> None:
                 "weights_sha256": trained.fingerprint(folder),
             }
         )
-    record = {
-        "what": "Settings of the flat controller and of h-DQN, searched as long as those of the "
-        "hierarchical one: benchmarks/race.py says how.",
-        "command": f"python benchmarks/race.py --out {out}",
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        **version.source(),
-        "versions": provenance.versions(),
-        "machine": provenance.machine(),
-        "spaces": SPACES,
-        "rows": rows,
-    }
-    beside = out / "race.json.part"
-    beside.write_text(json.dumps(record, indent=1) + "\n")
-    beside.replace(out / "race.json")
+    what = (
+        "Settings of the flat controller and of h-DQN, searched as long as those of the "
+        "hierarchical one: benchmarks/race.py says how."
+    )
+    record.store(out / "race.json", {"what": what, "spaces": SPACES, "rows": rows})
 
 
 if __name__ == "__main__":

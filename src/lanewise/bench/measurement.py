@@ -56,5 +56,9 @@ def number(value: float) -> str:
 
 def extras(figure: Measurement) -> str:
     """The details people look for."""
-    detail = figure.detail
+    detail = dict(figure.detail)
+    if "episodes" not in detail:
+        detail.pop("ended", None)  # Counts, not shares.
+    if "seconds_of" in detail:
+        detail.pop("compile_seconds", None)  # Among them.
     return ", ".join(text(detail[name]) for name, text in SHOWN.items() if name in detail)
