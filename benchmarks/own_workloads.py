@@ -99,8 +99,8 @@ def covered(spans):
 def breakdown(whole, compiling, times):
     """Where a training's wall time went, adding up to it.
 
-    The first chunk of a stage and its first validation wait for their compilation; they count as
-    long as the median of the others.
+    Chunks count as long as the median of their stage, and so do validations, as the first of each
+    waits for its compilation.
 
     Args:
         whole: seconds of the command.
@@ -112,6 +112,6 @@ def breakdown(whole, compiling, times):
         lines = [line for line in times if line["stage"] == stage]
         chunks = [line["seconds"] - line["validation"] for line in lines]
         validations = [line["validation"] for line in lines if line["validation"]]
-        for name, spent in (("driving and updates", chunks), ("validation", validations)):
-            found[name] += sum(spent[1:]) + median(spent[1:] or spent or [0.0])
+        found["driving and updates"] += median(chunks) * len(chunks)
+        found["validation"] += median(validations or [0.0]) * len(validations)
     return found | {"start, saving, the rest": whole - sum(found.values())}

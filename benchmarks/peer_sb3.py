@@ -11,11 +11,10 @@ import numpy as np
 import timing
 import torch
 from stable_baselines3 import DQN
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 
-UPDATES = 100
-"""In a call of ``DQN.train``."""
+CALL = 100
+"""Updates, or steps, in a call of Stable-Baselines3."""
 
 
 def _agent(env, seed, hidden, batch, capacity, learning_rate, discount, **more):
@@ -54,10 +53,10 @@ def update(inputs, outputs, seconds, seed=0, **learner):
     memory.full = True
 
     def call():
-        model.train(gradient_steps=UPDATES, batch_size=learner["batch"])
+        model.train(gradient_steps=CALL, batch_size=learner["batch"])
 
     call()
-    return lambda: timing.result(timing.calls_per_second(call, seconds) * UPDATES, "updates/s")
+    return lambda: timing.result(timing.calls_per_second(call, seconds) * CALL, "updates/s")
 
 
 class _Trap(gymnasium.Env):
@@ -90,20 +89,6 @@ class _Trap(gymnasium.Env):
         return np.asarray(table, np.float32).ravel()
 
 
-class _Until(BaseCallback):
-    """Stops after so many seconds."""
-
-    def __init__(self, seconds):
-        super().__init__()
-        self._seconds = seconds
-
-    def _on_training_start(self):
-        self._began = time.perf_counter()
-
-    def _on_step(self):
-        return time.perf_counter() - self._began < self._seconds
-
-
 class _Clock:
     """Adds up the time spent in a function."""
 
@@ -121,22 +106,30 @@ class _Clock:
 def training(vehicles, lanes, seconds, seed=0, **learner):
     """Environment steps/s on the trap in highway-env, an update every step; needs Lanewise too."""
     trap = _Trap(vehicles, lanes, seed)
-    model = _agent(trap, seed, **learner, learning_starts=100, train_freq=1, gradient_steps=1)
+    model = _agent(
+        trap, seed, **learner, learning_starts=100, train_freq=1, gradient_steps=1,
+        # Exploration without end, however often `learn` is called.
+        exploration_final_eps=1.0,
+    )  # fmt: skip
     model.learn(110)
 
     def timed():
-        first = model.num_timesteps
         trap.step, model.train = stepping, learning = _Clock(trap.step), _Clock(model.train)
-        began = time.perf_counter()
-        model.learn(10_000_000, callback=_Until(seconds), reset_num_timesteps=False)
-        spent, steps = time.perf_counter() - began, model.num_timesteps - first
-        host = spent - stepping.seconds - learning.seconds
-        split = {"driving": stepping.seconds, "updates": learning.seconds, "host": host}
+
+        def call():
+            model.learn(CALL, reset_num_timesteps=False)
+
+        rate = timing.calls_per_second(call, seconds) * CALL
+        split = {
+            "driving": stepping.seconds / stepping.calls,
+            "updates": learning.seconds / learning.calls,
+        }
+        split["host"] = 1 / rate - sum(split.values())
         return timing.result(
-            steps / spent,
+            rate,
             "steps/s",
-            updates_per_second=learning.calls / spent,
-            milliseconds_a_step={name: value / steps * 1e3 for name, value in split.items()},
+            updates_per_second=rate * learning.calls / stepping.calls,
+            milliseconds_a_step={name: value * 1e3 for name, value in split.items()},
         )
 
     return timed

@@ -199,4 +199,8 @@ if __name__ == "__main__":
     try:
         sys.exit(main())
     except LanewiseError as error:
-        sys.exit(f"peers.py: error: {error}")
+        print(f"peers.py: error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        # What was measured is printed and stored.
+        sys.exit(130)

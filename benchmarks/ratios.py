@@ -1,16 +1,21 @@
 """What the figures of one run say about one another: how many times as fast as which peer."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from lanewise.bench.measurement import Measurement, number
+from lanewise.bench.measurement import number
 from lanewise.bench.suite import training_case
 
 OURS = "lanewise"
 SB3_TRAINING = "Stable-Baselines3, DQN on highway-env"
 LEVEL = "lanewise train hierarchical --preset quick"
 LEVEL_CACHED = f"{LEVEL}, JAX_COMPILATION_CACHE_DIR set, second time"
+AGAINST = {
+    "world": ("world", ("EnvPool", "highway-env")),
+    "latency": ("one decision of one world", ("highway-env",)),
+    "update": ("update", ("PyTorch, double DQN", "Stable-Baselines3, DQN")),
+}
+"""By part, what it is called, and the peers: the best figure of a name that begins so counts."""
 
 
 @dataclass(frozen=True)
@@ -25,76 +30,30 @@ class Ratio:
     """Which figures it comes from."""
 
 
-def of(figures: Sequence[Measurement], cores: int) -> list[Ratio]:
-    """Every comparison that the figures allow.
-
-    Args:
-        figures: of one run.
-        cores: that were used.
-    """
-    return [
-        *_worlds(figures, cores),
-        *_latencies(figures),
-        *_updates(figures),
-        *_level(figures, cores),
-        *_commands(figures),
-    ]
-
-
-def _worlds(figures: Sequence[Measurement], cores: int) -> list[Ratio]:
-    """Our best number of worlds against each peer with the same vehicles and cores."""
+def of(figures, cores):
+    """Every comparison that the figures of one run allow; ``cores`` were used."""
     found = []
-    for case in _cases(figures, "world"):
-        ours = _best(figures, "world", case, OURS)
-        for peer in ("EnvPool", "highway-env"):
-            theirs = _best(figures, "world", case, peer)
-            if ours and theirs:
-                found.append(_times(f"world, {case}, against {peer}", ours, theirs))
-        alone = _best(figures, "world", case.replace(f"{cores} cores", "1 core"), "highway-env")
-        if ours and alone and cores > 1 and case.endswith(f"{cores} cores"):
-            what = f"world, {case}, against one highway-env"
-            found.append(_times(what, ours, alone))
-    return found
+    for part, (called, peers) in AGAINST.items():
+        for case in dict.fromkeys(each.case for each in figures if each.part == part):
+            ours = _best(figures, part, case, OURS)
+            for peer in peers:
+                theirs = _best(figures, part, case, peer)
+                found += _times(f"{called}, {case}, against {peer}", ours, theirs)
+            if part == "world" and cores > 1 and case.endswith(f"{cores} cores"):
+                one = case.replace(f"{cores} cores", "1 core")
+                theirs = _best(figures, part, one, "highway-env")
+                found += _times(f"{called}, {case}, against one highway-env", ours, theirs)
+            product = _best(figures, part, case, "matrix product")
+            if ours and product:
+                done = ours.detail["gflop_per_second"]
+                how = f"{done:,.0f} / {product.value:,.0f} {product.unit} ({product.subject})"
+                what = f"{called}, {case}, of the matrix product's rate"
+                found.append(Ratio(what, 100 * done / product.value, "%", how))
+    return [*found, *_level(figures, cores), *_commands(figures)]
 
 
-def _latencies(figures: Sequence[Measurement]) -> list[Ratio]:
-    found = []
-    for case in _cases(figures, "latency"):
-        ours = _best(figures, "latency", case, OURS)
-        theirs = _best(figures, "latency", case, "highway-env")
-        if ours and theirs:
-            how = f"{theirs.value:,.0f} / {ours.value:,.0f} {ours.unit}"
-            what = f"one decision of one world, {case}, against highway-env"
-            found.append(Ratio(what, theirs.value / ours.value, "times", how))
-    return found
-
-
-def _updates(figures: Sequence[Measurement]) -> list[Ratio]:
-    """Against the fastest of PyTorch's, and as a share of the fastest matrix product measured."""
-    found = []
-    for case in _cases(figures, "update"):
-        ours = _best(figures, "update", case, OURS)
-        if ours is None:
-            continue
-        for peer in ("PyTorch, double DQN", "Stable-Baselines3, DQN"):
-            theirs = _best(figures, "update", case, peer)
-            if theirs:
-                found.append(_times(f"update, {case}, against {peer}", ours, theirs))
-        product = _best(figures, "update", case, "matrix product")
-        if product:
-            done = ours.detail["gflop_per_second"]
-            found.append(
-                Ratio(
-                    f"update, {case}, of the matrix product's rate",
-                    100 * done / product.value,
-                    "%",
-                    f"{done:,.0f} / {product.value:,.0f} {product.unit} ({product.subject})",
-                )
-            )
-    return found
-
-
-def _level(figures: Sequence[Measurement], cores: int) -> list[Ratio]:
+def _level(figures, cores):
+    """The time to the paper's level, and what Stable-Baselines3 does in that time."""
     times = [each.value for each in figures if (each.part, each.case) == ("level", LEVEL)]
     if not times:
         return []
@@ -109,36 +68,37 @@ def _level(figures: Sequence[Measurement], cores: int) -> list[Ratio]:
     return found
 
 
-def _commands(figures: Sequence[Measurement]) -> list[Ratio]:
+def _commands(figures):
     wanted = {("start-up", "lanewise --help"), ("evaluation", "lanewise")}
     return [
-        Ratio(figure.case, figure.value, figure.unit, figure.part)
-        for figure in figures
-        if (figure.part, figure.subject) in wanted
+        Ratio(each.case, each.value, each.unit, each.part)
+        for each in figures
+        if (each.part, each.subject) in wanted
     ]
 
 
-def _cases(figures: Sequence[Measurement], part: str) -> list[str]:
-    return list(dict.fromkeys(figure.case for figure in figures if figure.part == part))
+def _times(what, ours, theirs):
+    """How many times as fast as theirs ours is; nothing where one of them was not measured."""
+    if not (ours and theirs):
+        return []
+    how = f"{ours.value:,.0f} / {theirs.value:,.0f} {ours.unit} ({ours.subject} / {theirs.subject})"
+    value = ours.value / theirs.value
+    if ours.part == "latency":
+        how, value = f"{theirs.value:,.0f} / {ours.value:,.0f} {ours.unit}", 1 / value
+    return [Ratio(what, value, "times", how)]
 
 
-def _best(figures: Sequence[Measurement], part: str, case: str, subject: str) -> Measurement | None:
+def _best(figures, part, case, subject):
     """The largest figure of a subject, whose name begins so."""
     found = [
-        figure
-        for figure in figures
-        if (figure.part, figure.case) == (part, case) and figure.subject.startswith(subject)
+        each
+        for each in figures
+        if (each.part, each.case) == (part, case) and each.subject.startswith(subject)
     ]
-    return max(found, key=lambda figure: figure.value, default=None)
+    return max(found, key=lambda each: each.value, default=None)
 
 
-def _times(what: str, ours: Measurement, theirs: Measurement) -> Ratio:
-    who = f"{ours.subject} / {theirs.subject}"
-    how = f"{ours.value:,.0f} / {theirs.value:,.0f} {ours.unit} ({who})"
-    return Ratio(what, ours.value / theirs.value, "times", how)
-
-
-def table(found: Sequence[Ratio]) -> str:
+def table(found):
     """Comparisons for a terminal."""
     width = max((len(ratio.what) for ratio in found), default=0)
     lines = [

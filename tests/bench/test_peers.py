@@ -65,12 +65,12 @@ def test_where_the_time_went_adds_up():
         )
     ]
     times.append({**times[0], "stage": "step-2", "seconds": 2.0})
-    # Chunks without validation take 1 s and validations 2; step 2 has one chunk to go by.
+    # Chunks without validation take 1 s (median), validations 3.5; step 2 has one chunk.
     assert own_workloads.breakdown(30.0, 12.0, times) == {
         "compilation": 12.0,
         "driving and updates": 6.0,
-        "validation": 4.0,
-        "start, saving, the rest": 8.0,
+        "validation": 7.0,
+        "start, saving, the rest": 5.0,
     }
     assert own_workloads.covered([(1.0, 4.0), (2.0, 3.0), (3.5, 5.0), (7.0, 8.0)]) == 5.0
 
