@@ -55,7 +55,9 @@ def test_workers_have_their_own_cores_and_begin_when_all_are_ready(workload, mon
     times = [result["detail"]["times"][str(seed)] for seed, result in enumerate(results)]
     assert max(ready for ready, _ in times) <= min(begun for _, begun in times)
     assert [result["detail"]["cores"] for result in results] == [1, 1, len(usable)]
-    assert all(result["detail"]["peak_memory_bytes"] > 2**20 for result in results)
+    # Its own, not that of this process, which has JAX.
+    for result in results:
+        assert 2**20 < result["detail"]["peak_memory_bytes"] < 60 * 2**20
 
 
 @pytest.mark.parametrize(

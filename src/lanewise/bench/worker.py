@@ -34,9 +34,16 @@ def main() -> None:
 
 def _peak_memory() -> int:
     """The most bytes that this process, or one that it started, has had."""
-    found = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    # Linux counts in kibibytes.
-    return max(usage.ru_maxrss for usage in found) * (1 if sys.platform == "darwin" else 1024)
+    own, started = (
+        # Linux counts in kibibytes.
+        resource.getrusage(who).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+        for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    )
+    if os.path.exists("/proc/self/status"):
+        # There the usage begins with what the parent had; this is the process's alone.
+        with open("/proc/self/status") as status:
+            own = int(status.read().split("VmHWM:")[1].split()[0]) * 1024
+    return max(own, started)
 
 
 if __name__ == "__main__":
