@@ -8,21 +8,19 @@ larger, so that its choices vary.
 """
 
 import argparse
-import json
-import shlex
 import sys
 import tempfile
-from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 
 import jax
+
+sys.path.append(str(Path(__file__).parents[1] / "campaigns"))
+import record
 
 from lanewise import config
 from lanewise.controllers.settings import RENEWALS
 from lanewise.export import check, contents, formats
 from lanewise.learning import network
-from lanewise.report.provenance import machine, source, versions
 from lanewise.runs import trained
 from lanewise.runs.trained import Trained
 from lanewise.training import recipe
@@ -83,17 +81,11 @@ def main():
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("results/export.json"))
     arguments = parser.parse_args()
-    document = {
-        "command": shlex.join(["python", *sys.argv]),
-        "seed": arguments.seed,
+    figures = {
         "tie": check.TIE,
-        "versions": versions() | {name: version(name) for name in ("onnx", "onnxruntime")},
-        **source(),
-        "machine": machine(),
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "comparisons": measure(arguments.decisions, arguments.seed),
     }
-    arguments.out.write_text(json.dumps(document, indent=1) + "\n")
+    record.store(arguments.out, figures, arguments.seed, ("onnx", "onnxruntime"))
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
 """Measure how well our world equals highway-env: random states, free runs, live environments.
 
-python benchmarks/parity.py --states 10000 --runs 1000 --default-runs 200 --configurations 340 \
+python benchmarks/parity.py --states 10000 --runs 1000 --default-runs 200 --configurations 330 \
     --processes 2 --out results/parity/highway-env-1.12.1.json
 
 What is done is kept beside the result file; the same command goes on from there. It exits with 1
-where a difference has no name, or `read_world` reads or refuses what it should not.
+where a state or a free run differs, or a difference in a live environment has no name.
 """
 
 import argparse
@@ -14,6 +14,7 @@ import sys
 import time
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -23,208 +24,138 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "campaigns"))
 
 import jax
 import numpy as np
-import parity_live
 import record
 from parity_compare import (
     CONTINUOUS,
+    DECISIONS,
     RUN_TOLERANCE,
     STATE_TOLERANCE,
-    agrees,
+    agree,
     as_json,
-    compare_runs,
     compare_states,
-    default_env,
+    largest,
     minimised,
 )
-from parity_environments import draw, seconds_of
+from parity_drive import compare
+from parity_environments import default_env, draw, make
 from parity_states import SIZES, paper_traffic, random_state
 
-from lanewise.interop.highway_env import build_env, read_world
+from lanewise.interop.highway_env import build_env
 from lanewise.system.progress import Progress
 
-STATES_A_TASK, RUNS_A_TASK, DEFAULT_RUNS_A_TASK = 240, 20, 4
 BATCH = 40
-"""One batch shape per size, so that each process compiles two ticks and two runs."""
-DEPENDS_ON = ("benchmarks", "src/lanewise/world", "src/lanewise/interop")
+"""Random states of one comparison: a batch shape for each size, compiled once."""
+STATES_A_TASK = 6 * BATCH
+RUN_SECONDS, RUN_ROOM = 25.0, 16
+"""Of a free run of the paper's traffic: simulated time, and vehicles of its compiled program."""
+DEPENDS_ON = ("benchmarks", "src/lanewise/world", "src/lanewise/interop", "src/lanewise/scenario")
 STORED_EXCEPTIONS = 10
 """Differences without a name that are stored; all are counted."""
-COLUMNS = (
-    "number",
-    "rate",
-    "lanes",
-    "others",
-    "controlled",
-    "ticks",
-    "ticks_equal",
-    "largest",
-    "wreck_flags",
-)
-"""Stored of every configuration that was compared; its number and the seed make it again."""
-
-SHOWN = (
-    "compared",
-    "largest_errors",
-    "largest_error_while_equal",
-    "without_any_difference",
-    "differences_without_a_name",
-    "wrongly_read_or_refused",
-)
-"""Printed of each kind."""
+DRAWN = ("action", "traffic", "road", "drivers")
 
 
-def random_states(seed, task, count):
-    """Compare ticks from random states; numbers of batches are padded by more states."""
-    rng = np.random.default_rng([seed, 1, task])
+def random_states(seed, number, seconds):
+    """Compare ticks from random states; their batches are filled up by more states."""
+    rng = np.random.default_rng([seed, 1, number])
     groups = {size: [] for size in SIZES}
-    done, largest, exceptions = 0, dict.fromkeys(CONTINUOUS, 0.0), []
-    while done < count:
+    done, most, exceptions = 0, dict.fromkeys(CONTINUOUS, 0.0), []
+    while done < STATES_A_TASK:
         world = random_state(rng)
         group = groups[world.vehicles.x.shape[0]]
         group.append(world)
         if len(group) < BATCH:
             continue
-        for state, (errors, unequal) in zip(group, compare_states(group), strict=True):
-            if agrees(errors, unequal, STATE_TOLERANCE):
-                largest = {name: max(largest[name], errors[name]) for name in CONTINUOUS}
+        for state, errors in zip(group, compare_states(group), strict=True):
+            if agree(errors, STATE_TOLERANCE).all():
+                most = {name: max(most[name], found) for name, found in largest(errors).items()}
             else:
-                small = as_json(minimised(state))
-                exceptions.append({"errors": errors, "unequal": unequal, "state": small})
+                unequal = [name for name in DECISIONS if errors[name].any()]
+                state = as_json(minimised(state))
+                exceptions.append({"errors": largest(errors), "unequal": unequal, "state": state})
         done += BATCH
         group.clear()
-    return {"compared": done, "largest": largest, "exceptions": exceptions}
+    return {"compared": done, "largest_errors": most, "exceptions": exceptions}
 
 
-def _runs(envs, worlds, actions, first):
-    largest, exceptions = dict.fromkeys(CONTINUOUS, 0.0), []
-    for index, result in enumerate(compare_runs(envs, worlds, actions)):
-        agreed, errors, unequal = result
-        largest = {name: max(largest[name], errors[name]) for name in CONTINUOUS}
-        if agreed < actions.shape[1]:
-            start = as_json(worlds[index])
-            exceptions.append(
-                {
-                    "run": first + index,
-                    "decisions_equal": agreed,
-                    "unequal": unequal,
-                    "start": start,
-                    "actions": actions[index].tolist(),
-                }
-            )
-    return {"compared": len(envs), "largest": largest, "exceptions": exceptions}
+def paper_run(seed, number, seconds):
+    """Compare a free run of 25 s of the paper's traffic, at 10 Hz with 2 decisions a second."""
+    rng = np.random.default_rng([seed, 2, number])
+    env = build_env(paper_traffic(rng))
+    env.action_space.seed(int(rng.integers(2**31)))
+    return _free_run(env, number, RUN_ROOM)
 
 
-def paper_runs(seed, task, count):
-    """Compare free runs of 25 s of the paper's traffic, at 10 Hz with 2 decisions a second."""
-    rng = np.random.default_rng([seed, 2, task])
-    worlds = [paper_traffic(rng) for _ in range(count)]
-    actions = rng.integers(0, 9, (count, 50))
-    return _runs([build_env(world) for world in worlds], worlds, actions, task * RUNS_A_TASK)
+def default_run(seed, number, seconds):
+    """Compare a free run of 25 s of highway-env's own 50 vehicles, at 15 Hz."""
+    rng = np.random.default_rng([seed, 3, number])
+    return _free_run(default_env(int(rng.integers(2**31))), number)
 
 
-def default_runs(seed, task, count):
-    """Compare free runs of 25 s of highway-env's own 50 vehicles, at 15 Hz."""
-    rng = np.random.default_rng([seed, 3, task])
-    envs = [default_env(int(rng.integers(2**31))) for _ in range(count)]
-    actions = rng.integers(0, 9, (count, 25))
-    worlds = [read_world(env) for env in envs]
-    return _runs(envs, worlds, actions, task * DEFAULT_RUNS_A_TASK)
+def _free_run(env, number, *room):
+    """A run in which no difference is allowed, not even one with a name."""
+    found = compare(env, RUN_SECONDS, *room)
+    differs = found["names"] or found["unexplained"]
+    exceptions = [{"run": number} | found] if differs else []
+    return {"compared": 1, "exceptions": exceptions, "largest_errors": found["largest_errors"]}
+
+
+def live_environment(seed, number, seconds):
+    """Compare a live environment, made as users make it."""
+    configuration = draw(seed, number, seconds)
+    return asdict(configuration) | compare(make(seed, configuration), seconds)
 
 
 KINDS = {
-    "random_states": (random_states, STATES_A_TASK, STATE_TOLERANCE, 6.0),
-    "paper_runs": (paper_runs, RUNS_A_TASK, RUN_TOLERANCE, 12.0),
-    "default_runs": (default_runs, DEFAULT_RUNS_A_TASK, RUN_TOLERANCE, 16.0),
+    "random_states": (random_states, STATE_TOLERANCE),
+    "paper_runs": (paper_run, RUN_TOLERANCE),
+    "default_runs": (default_run, RUN_TOLERANCE),
+    "live_environments": (live_environment, RUN_TOLERANCE),
 }
-"""What each compares: function, how many a task, tolerance, about how long a task takes, s."""
-LIVE = "live_environments"
+"""What is compared: the function that does one task, and the tolerance."""
 
 
-def work(kind, seed, task, seconds):
+def work(kind, seed, number, seconds):
     """One task, for a worker process."""
     with jax.enable_x64(True):
-        if kind == LIVE:
-            return parity_live.compare(seed, task, seconds)
-        function, count, *_ = KINDS[kind]
-        return function(seed, task, count)
-
-
-def expected_seconds(kind, seed, task, seconds):
-    """About how long a task takes on one core."""
-    if kind != LIVE:
-        return KINDS[kind][3]
-    drawn = draw(seed, task, seconds)
-    if drawn.unread is not None:
-        return 0.1
-    return seconds_of(drawn.rate, drawn.others + drawn.controlled, seconds)
+        return KINDS[kind][0](seed, number, seconds)
 
 
 def summarise(kind, parts):
     """One kind's part of the result file."""
-    largest = {name: max(part["largest"][name] for part in parts) for name in CONTINUOUS}
-    return {
-        "compared": sum(part["compared"] for part in parts),
-        "tolerance": KINDS[kind][2],
-        "largest_errors": largest,
-        "exceptions": [exception for part in parts for exception in part["exceptions"]],
+    errors = [part["largest_errors"] for part in parts]
+    found = {
+        "compared": sum(part.get("compared", 1) for part in parts),
+        "tolerance": KINDS[kind][1],
+        "largest_errors": {name: max(each[name] for each in errors) for name in CONTINUOUS},
     }
-
-
-def summarise_live(rows, seconds):
-    """The live environments' part of the result file."""
-    read = [row for row in rows if row["expected"] and row["unread"] is None]
-    refused = [row for row in rows if row["expected"] and row["unread"] is not None]
+    if kind != "live_environments":
+        return found | {"exceptions": [each for part in parts for each in part["exceptions"]]}
     unexplained = [
-        {"number": row["number"]} | found for row in read for found in row["unexplained"]
+        {"number": row["number"]} | each | {"state": state}
+        for row in parts
+        for each, state in zip(row["unexplained"], row["states"], strict=False)
     ]
-    return {
-        "compared": len(read),
-        "simulated_seconds_each": seconds,
-        "ticks": sum(row["ticks"] for row in read),
-        "vehicle_ticks": sum(row["ticks"] * (row["others"] + row["controlled"]) for row in read),
-        "tolerance": RUN_TOLERANCE,
-        "largest_error_while_equal": max((row["largest"] for row in read), default=0.0),
-        "without_any_difference": sum(row["ticks_equal"] == row["ticks"] for row in read),
-        "wreck_flags": {
-            "vehicle_ticks": sum(row["wreck_flags"] for row in read),
-            "configurations": sum(row["wreck_flags"] > 0 for row in read),
-        },
-        "named": named(read),
-        "refused": {row["unread"]: row["refused"] for row in refused},
-        "drawn": {
-            what: dict(Counter(row[what] for row in read).most_common())
-            for what in ("action", "traffic", "road", "drivers")
-        }
-        | {"starts": dict(Counter(start for row in read for start in row["starts"]).most_common())},
-        "wrongly_read_or_refused": [
-            {name: row[name] for name in ("number", "unread", "refused")}
-            for row in rows
-            if not row["expected"]
-        ],
-        "differences_without_a_name": len(unexplained),
-        "exceptions": [
-            found | {"state": state}
-            for row in read
-            for found, state in zip(row["unexplained"], row["states"], strict=False)
-        ][:STORED_EXCEPTIONS],
-        "columns": [*COLUMNS, "names"],
-        "configurations": [
-            " ".join([*(f"{row[name]:.4g}" for name in COLUMNS), *row["names"]]) for row in read
-        ],
+    return found | {
+        "ticks": sum(row["ticks"] for row in parts),
+        "vehicle_ticks": sum(row["ticks"] * (row["others"] + row["controlled"]) for row in parts),
+        "without_any_difference": sum(row["ticks_equal"] == row["ticks"] for row in parts),
+        "wreck_flags": sum(row["wreck_flags"] for row in parts),
+        "named": named(parts),
+        "drawn": {what: dict(Counter(row[what] for row in parts)) for what in DRAWN}
+        | {"starts": dict(Counter(start for row in parts for start in row["starts"]))},
+        "differences_without_a_name": sum(len(row["unexplained"]) for row in parts),
+        "exceptions": unexplained[:STORED_EXCEPTIONS],
     }
 
 
 def named(rows):
-    """How often each name was given, where it came first, and an example."""
+    """How often each name was given, in how many environments, and the first example."""
     found = {}
     for row in rows:
         for name, count in row["names"].items():
+            example = {"number": row["number"]} | row["examples"][name]
             entry = found.setdefault(
-                name,
-                {
-                    "differences": 0,
-                    "configurations": 0,
-                    "example": {"number": row["number"]} | row["examples"][name],
-                },
+                name, {"differences": 0, "configurations": 0, "example": example}
             )
             entry["differences"] += count
             entry["configurations"] += 1
@@ -239,9 +170,7 @@ class Done:
         self.path, self.parts = path, {}
         lines = path.read_text().splitlines() if path.exists() else []
         if lines and json.loads(lines[0]) == state:
-            for line in lines[1:]:
-                task, part = json.loads(line)
-                self.parts[tuple(task)] = part
+            self.parts = {tuple(task): part for task, part in map(json.loads, lines[1:])}
             return
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(state) + "\n")
@@ -255,30 +184,21 @@ class Done:
             file.write(line + "\n")
 
 
-def perform(tasks, done, processes, seconds):
-    """Do the tasks that are not done yet."""
-    cost = {task: expected_seconds(*task, seconds) for task in tasks}
-    left = [task for task in tasks if task not in done.parts]
-    minutes = sum(cost[task] for task in left) / processes / 60
-    print(f"{len(left)} of {len(tasks)} tasks, about {minutes:.0f} min", flush=True)
-    finished = sum(cost[task] for task in tasks if task in done.parts)
-    spawn = get_context("spawn")
-    with ProcessPoolExecutor(processes, mp_context=spawn) as pool, Progress() as progress:
-        progress.stage("parity with highway-env", sum(cost.values()), finished)
-        futures = {pool.submit(work, *task, seconds): task for task in left}
-        for future in as_completed(futures):
-            task = futures[future]
-            done.add(task, future.result())
-            finished += cost[task]
-            progress.update(finished, tasks=len(done.parts), faults=faults(done.parts))
-
-
 def faults(parts):
     """How many parts would fail the campaign."""
-    return sum(
-        bool(part.get("exceptions") or part.get("unexplained")) or not part.get("expected", True)
-        for part in parts.values()
-    )
+    return sum(bool(part.get("exceptions") or part.get("unexplained")) for part in parts)
+
+
+def perform(tasks, done, processes, seconds):
+    """Do the tasks that are not done yet."""
+    left = [task for task in tasks if task not in done.parts]
+    spawn = get_context("spawn")
+    with ProcessPoolExecutor(processes, mp_context=spawn) as pool, Progress() as progress:
+        progress.stage("parity with highway-env", len(tasks), len(tasks) - len(left))
+        futures = {pool.submit(work, *task, seconds): task for task in left}
+        for future in as_completed(futures):
+            done.add(futures[future], future.result())
+            progress.update(len(done.parts), faults=faults(done.parts.values()))
 
 
 def main():
@@ -288,34 +208,32 @@ def main():
     count("--states", default=10_000)
     count("--runs", default=1_000)
     count("--default-runs", default=200)
-    count("--configurations", default=340, help="of live environments, one in 12 unrepresented")
+    count("--configurations", default=330, help="of live environments")
     count("--seed", default=0)
     count("--processes", default=1)
     parser.add_argument("--seconds", type=float, default=40.0, help="of each live environment")
     parser.add_argument("--out", type=Path, default=Path("results/parity/highway-env-1.12.1.json"))
-    arguments = parser.parse_args()
-    seed, seconds, path = arguments.seed, arguments.seconds, arguments.out
-    wanted = (arguments.states, arguments.runs, arguments.default_runs)
-    numbers = {
-        kind: -(-count // size)
-        for (kind, (_, size, *_)), count in zip(KINDS.items(), wanted, strict=True)
-    } | {LIVE: arguments.configurations}
-    tasks = [(kind, seed, task) for kind, number in numbers.items() for task in range(number)]
-    state = record.state(seed, seconds, within=DEPENDS_ON, packages=("highway-env",))
-    done = Done(path.with_suffix(".partial"), {"state": state})
+    options = parser.parse_args()
+    numbers = (-(-options.states // STATES_A_TASK), options.runs, options.default_runs)
+    numbers = dict(zip(KINDS, (*numbers, options.configurations), strict=True))
+    tasks = [(kind, options.seed, n) for kind, number in numbers.items() for n in range(number)]
+    state = record.state(
+        options.seed, options.seconds, within=DEPENDS_ON, packages=("highway-env",)
+    )
+    done = Done(options.out.with_suffix(".partial"), state)
     begin = time.monotonic()
-    perform(tasks, done, arguments.processes, seconds)
-    parts = {task: done.parts[task] for task in tasks}
-    by_kind = {kind: [part for task, part in parts.items() if task[0] == kind] for kind in numbers}
-    figures = {kind: summarise(kind, by_kind[kind]) for kind in KINDS if by_kind[kind]}
-    if by_kind[LIVE]:
-        figures[LIVE] = summarise_live(by_kind[LIVE], seconds)
-    figures["seconds"] = round(time.monotonic() - begin)
-    record.store(path, figures, seed, ("highway-env",))
+    perform(tasks, done, options.processes, options.seconds)
+    figures = {
+        kind: summarise(kind, [done.parts[task] for task in tasks if task[0] == kind])
+        for kind, number in numbers.items()
+        if number
+    }
+    more = {"simulated_seconds_each": options.seconds, "seconds": round(time.monotonic() - begin)}
+    record.store(options.out, figures | more, options.seed, ("highway-env",))
     done.path.unlink()
     for kind, part in figures.items():
-        print(kind, part if kind == "seconds" else {n: part[n] for n in SHOWN if n in part})
-    return 1 if faults(parts) else 0
+        print(kind, {name: part[name] for name in ("compared", "largest_errors")})
+    return 1 if faults([done.parts[task] for task in tasks]) else 0
 
 
 if __name__ == "__main__":

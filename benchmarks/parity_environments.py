@@ -1,25 +1,15 @@
 """Live highway-env environments, drawn at random and made in the ways that users make them."""
 
-from dataclasses import asdict, dataclass
-from functools import partial
+from dataclasses import dataclass
 
 import gymnasium
 import highway_env  # noqa: F401, registers the environments
 import numpy as np
-from highway_env.envs import MergeEnv
-from highway_env.road.lane import SineLane, StraightLane
-from highway_env.road.regulation import RegulatedRoad
+from highway_env.envs import HighwayEnv
+from highway_env.road.lane import StraightLane
 from highway_env.road.road import Road, RoadNetwork
-from highway_env.vehicle.behavior import (
-    AggressiveVehicle,
-    DefensiveVehicle,
-    IDMVehicle,
-    LinearVehicle,
-)
-from highway_env.vehicle.controller import ControlledVehicle, MDPVehicle
-from highway_env.vehicle.dynamics import BicycleVehicle
+from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
-from highway_env.vehicle.objects import Landmark, Obstacle
 
 RATES = (1, 2, 3, 5, 7, 10, 12, 15, 20, 30, 60)
 LANES_MAX, OTHERS_MAX, CONTROLLED_MAX = 8, 80, 4
@@ -28,8 +18,6 @@ SHARE, AFFECTED = 0.25, 0.3
 AFFORDED = 20.0
 """Seconds that a configuration may take, but for one in `LARGE`, whose vehicles may be many."""
 LARGE = 20
-UNREAD = 12
-"""One configuration in so many holds something that our world does not represent."""
 DISCRETE, CONTINUOUS = {"type": "DiscreteAction"}, {"type": "ContinuousAction"}
 GENTLE = {"acceleration_range": (-1.0, 1.0), "steering_range": (-np.pi / 50, np.pi / 50)}
 ACTIONS = {
@@ -44,6 +32,10 @@ ACTIONS = {
 TRAFFIC = ("reset", "create_random", "by hand")
 ROADS = ("standard", "short", "own lanes")
 DRIVERS = ("default", "randomised", "subclass", "own parameters")
+STARTS = (
+    *("off the road", "overlapping", "reversing", "at the end of the road", "before the road"),
+    *("astray", "above 35 m/s", "standing", "crashed"),
+)
 
 
 class PaperDriver(IDMVehicle):
@@ -77,12 +69,6 @@ class Configuration:
     road: str
     drivers: str
     starts: tuple
-    unread: str | None
-    """What makes `read_world` refuse it, a key of `UNREPRESENTED`."""
-
-    def to_json(self):
-        """As a row of the result file."""
-        return asdict(self)
 
 
 def seconds_of(rate, vehicles, seconds):
@@ -101,9 +87,6 @@ def draw(seed, number, seconds=40.0, most=OTHERS_MAX):
     """
     rng = np.random.default_rng([seed, 4, number])
     rate, lanes = RATES[number % len(RATES)], 1 + number // len(RATES) % LANES_MAX
-    unread = None
-    if number % UNREAD == UNREAD - 1:
-        unread = tuple(UNREPRESENTED)[number // UNREAD % len(UNREPRESENTED)]
     affordable = max(n for n in range(most + 1) if seconds_of(rate, n, seconds) <= AFFORDED)
     low, high = (affordable, most) if number % LARGE == 0 else (0, affordable)
     traffic = str(rng.choice(TRAFFIC))
@@ -119,7 +102,6 @@ def draw(seed, number, seconds=40.0, most=OTHERS_MAX):
         road="standard" if traffic == "reset" else str(rng.choice(ROADS)),
         drivers="randomised" if traffic == "reset" else str(rng.choice(DRIVERS)),
         starts=tuple(name for name in STARTS if rng.random() < SHARE),
-        unread=unread,
     )
 
 
@@ -134,21 +116,26 @@ def make(seed, configuration):
         A wrapped environment, as `gymnasium.make` returns it.
     """
     rng = np.random.default_rng([seed, 5, configuration.number])
-    if configuration.unread is not None:
-        env = UNREPRESENTED[configuration.unread]()
-    else:
-        env = _registered(_config(configuration, rng), int(rng.integers(2**31)))
-        live = env.unwrapped
-        if configuration.traffic != "reset":
-            _fill(live, configuration, rng)
-        _befall(live, configuration.starts, rng)
+    env = gymnasium.make("highway-v0", config=_config(configuration, rng))
+    env.reset(seed=int(rng.integers(2**31)))
+    live = env.unwrapped
+    if configuration.traffic != "reset":
+        _fill(live, configuration, rng)
+    for start in configuration.starts:
+        for vehicle in live.road.vehicles:
+            if rng.random() < AFFECTED:
+                _befall(vehicle, start, live.road, rng)
+                vehicle.on_state_update()
     env.action_space.seed(int(rng.integers(2**31)))
     return env
 
 
-def _registered(config, seed=0):
-    env = gymnasium.make("highway-v0", config=config)
+def default_env(seed):
+    """highway-env's own default traffic: 50 vehicles, four lanes, 15 Hz, under DiscreteAction."""
+    config = {"action": DISCRETE | GENTLE, "policy_frequency": 1, "simulation_frequency": 15}
+    env = HighwayEnv(config=config)
     env.reset(seed=seed)
+    env.action_space.seed(seed)
     return env
 
 
@@ -254,160 +241,31 @@ def _parametrise(vehicle, rng):
     vehicle.check_collisions = bool(rng.random() < 0.8)
 
 
-def _befall(live, starts, rng):
-    """Give the vehicles unusual places and speeds."""
-    for name in starts:
-        for vehicle in live.road.vehicles:
-            if rng.random() < AFFECTED:
-                STARTS[name](vehicle, live.road, rng)
-                vehicle.on_state_update()
-
-
-def _off_the_road(vehicle, road, rng):
+def _befall(vehicle, start, road, rng):
+    """Give a vehicle one of the unusual places, speeds or states of `STARTS`."""
     lanes = road.network.lanes_list()
-    beyond = float(rng.uniform(2, 15))
-    left, right = lanes[0].start[1] - beyond, lanes[-1].start[1] + beyond
-    vehicle.position[1] = left if rng.random() < 0.5 else right
-
-
-def _overlapping(vehicle, road, rng):
-    other = road.vehicles[int(rng.integers(len(road.vehicles)))]
-    shift = rng.normal(0, [3.0, 1.0]) if rng.random() < 0.8 else 0.0
-    vehicle.position = other.position + shift
-
-
-def _reversing(vehicle, road, rng):
-    vehicle.speed = -float(rng.uniform(0.3, 12))
-
-
-def _end_of_the_road(vehicle, road, rng):
-    vehicle.position[0] = vehicle.lane.end[0] - rng.uniform(-20, 150)
-
-
-def _before_the_road(vehicle, road, rng):
-    vehicle.position[0] = vehicle.lane.start[0] - rng.uniform(0, 60)
-
-
-def _astray(vehicle, road, rng):
-    vehicle.heading = float(rng.normal(0, 0.3) if rng.random() < 0.8 else rng.uniform(-7, 7))
-    vehicle.position[1] += rng.normal(0, 1.5)
-
-
-def _fast(vehicle, road, rng):
-    vehicle.speed = float(rng.uniform(35, 45))
-
-
-def _standing(vehicle, road, rng):
-    vehicle.speed = float(rng.choice([0.0, 0.005, 0.5]))
-
-
-def _crashed(vehicle, road, rng):
-    vehicle.crashed = True
-
-
-STARTS = {
-    "off the road": _off_the_road,
-    "overlapping": _overlapping,
-    "reversing": _reversing,
-    "at the end of the road": _end_of_the_road,
-    "before the road": _before_the_road,
-    "astray": _astray,
-    "above 35 m/s": _fast,
-    "standing": _standing,
-    "crashed": _crashed,
-}
-
-
-def _plain(**changes):
-    return _registered({"vehicles_count": 5, "action": DISCRETE} | changes)
-
-
-def _with_vehicle(kind, **more):
-    env = _plain()
-    road = env.unwrapped.road
-    road.vehicles.append(kind(road, [300.0, 4.0], 0.0, 20.0, **more))
-    return env
-
-
-def _reversing_without_a_limit():
-    env = _with_driver(target_speed=-5.0)
-    for lane in env.unwrapped.road.network.lanes_list():
-        lane.speed_limit = None
-    return env
-
-
-def _with_object(kind):
-    env = _plain()
-    road = env.unwrapped.road
-    road.objects.append(kind(road, [300.0, 4.0]))
-    return env
-
-
-def _with_driver(**attributes):
-    env = _plain()
-    for name, value in attributes.items():
-        setattr(env.unwrapped.road.vehicles[2], name, value)
-    return env
-
-
-def _with_lane(lane, origin="0", destination="1"):
-    env = _plain()
-    env.unwrapped.road.network.add_lane(origin, destination, lane)
-    return env
-
-
-def _merge():
-    env = MergeEnv(config={"action": DISCRETE})
-    env.reset(seed=0)
-    return env
-
-
-class _Hesitant(IDMVehicle):
-    def acceleration(self, ego_vehicle, front_vehicle=None, rear_vehicle=None):
-        return 0.5 * super().acceleration(ego_vehicle, front_vehicle, rear_vehicle)
-
-
-class _Drifting(IDMVehicle):
-    TAU_LATERAL = 3.0
-    KP_LATERAL = 1 / TAU_LATERAL
-
-
-def _regulated():
-    env = _plain()
-    live = env.unwrapped
-    live.road = RegulatedRoad(live.road.network, live.road.vehicles, np_random=live.np_random)
-    return env
-
-
-UNREPRESENTED = {
-    "LinearVehicle": partial(_with_vehicle, LinearVehicle),
-    "AggressiveVehicle": partial(_with_vehicle, AggressiveVehicle),
-    "DefensiveVehicle": partial(_with_vehicle, DefensiveVehicle),
-    "ControlledVehicle": partial(_with_vehicle, ControlledVehicle),
-    "MDPVehicle": partial(_with_vehicle, MDPVehicle),
-    "BicycleVehicle": partial(_with_vehicle, BicycleVehicle),
-    "traffic of another class": partial(
-        _plain, other_vehicles_type="highway_env.vehicle.behavior.AggressiveVehicle"
-    ),
-    "meta actions": partial(_plain, action={"type": "DiscreteMetaAction"}),
-    "dynamical actions": partial(_plain, action=DISCRETE | {"dynamical": True}),
-    "overridden method": partial(_with_vehicle, _Hesitant),
-    "route": partial(_with_vehicle, IDMVehicle, route=[("0", "1", 0)]),
-    "obstacle": partial(_with_object, Obstacle),
-    "landmark": partial(_with_object, Landmark),
-    "connected lanes": partial(_plain, neighbour_vehicles_connected_lanes=True),
-    "several roads": _merge,
-    "oblique lane": partial(_with_lane, StraightLane([0.0, 16.0], [10_000.0, 40.0])),
-    "curved lane": partial(_with_lane, SineLane([0.0, 16.0], [10_000.0, 16.0], 1, 0.1, 0)),
-    "speed range": partial(_plain, action=CONTINUOUS | {"speed_range": (0.0, 20.0)}),
-    "constants of steering": partial(_with_vehicle, _Drifting),
-    "method of an instance": partial(_with_driver, steering_control=lambda lane: 0.0),
-    "speed limit of an instance": partial(_with_driver, MAX_SPEED=20.0),
-    "not collidable": partial(_with_driver, collidable=False),
-    "not solid": partial(_with_driver, solid=False),
-    "length without its diagonal": partial(_with_driver, LENGTH=12.0),
-    "moved without an update": partial(_with_driver, position=np.array([150.0, 12.0])),
-    "regulated road": _regulated,
-    "reversing without a limit": _reversing_without_a_limit,
-    "too many lanes": partial(_plain, lanes_count=40),
-}
+    match start:
+        case "off the road":
+            beyond = float(rng.uniform(2, 15))
+            left, right = lanes[0].start[1] - beyond, lanes[-1].start[1] + beyond
+            vehicle.position[1] = left if rng.random() < 0.5 else right
+        case "overlapping":
+            other = road.vehicles[int(rng.integers(len(road.vehicles)))]
+            shift = rng.normal(0, [3.0, 1.0]) if rng.random() < 0.8 else 0.0
+            vehicle.position = other.position + shift
+        case "reversing":
+            vehicle.speed = -float(rng.uniform(0.3, 12))
+        case "at the end of the road":
+            vehicle.position[0] = vehicle.lane.end[0] - rng.uniform(-20, 150)
+        case "before the road":
+            vehicle.position[0] = vehicle.lane.start[0] - rng.uniform(0, 60)
+        case "astray":
+            turned = rng.normal(0, 0.3) if rng.random() < 0.8 else rng.uniform(-7, 7)
+            vehicle.heading = float(turned)
+            vehicle.position[1] += rng.normal(0, 1.5)
+        case "above 35 m/s":
+            vehicle.speed = float(rng.uniform(35, 45))
+        case "standing":
+            vehicle.speed = float(rng.choice([0.0, 0.005, 0.5]))
+        case "crashed":
+            vehicle.crashed = True

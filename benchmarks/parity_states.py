@@ -2,8 +2,11 @@
 
 from dataclasses import fields, replace
 
+import jax
 import numpy as np
 
+from lanewise.scenario import trap
+from lanewise.scenario.settings import TrapSettings
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, Road, Vehicles, World
 
 SIZES = (16, 32)
@@ -140,61 +143,13 @@ def random_state(rng):
     return fit(world, next(size for size in SIZES if size >= count))
 
 
-def paper_traffic(rng, count=12):
-    """Traffic like the paper's: an ego behind a trap of two, and vehicles ahead in three lanes."""
-    x = np.array([0.0, rng.uniform(14.8, 16.44), rng.uniform(4.06, 7.43)])
-    ahead = x[1] + 45.0 + np.cumsum(rng.uniform(20.0, 30.0, count - 3)) - 25.0
-    lane = np.concatenate([[0, 0, 1], rng.integers(0, 3, count - 3)])
-    drivers = random_drivers(np.random.default_rng(0), count)
-    paper = {
-        "target_speed": 12.5,
-        "comfort_acceleration": 0.5,
-        "comfort_deceleration": 0.5,
-        "jam_distance": 10.0,
-        "time_gap": 1.5,
-        "exponent": 4.0,
-        "politeness": 0.5,
-        "minimum_gain": 0.2,
-        "imposed_braking": 2.0,
-        "change_delay": 1.0,
-        "acceleration_limit": 1.0,
-        "slip_limit": slip_sine(np.pi / 36),
-    }
-    kind = np.array([EXTERNAL, CONSTANT, CONSTANT] + [RULE_BASED] * (count - 3), np.int32)
-    drivers = replace(
-        drivers,
-        **{name: np.full(count, value) for name, value in paper.items()},
-        kind=kind,
-        changes_lanes=np.ones(count, bool),
-        checks_collisions=np.ones(count, bool),
-    )
-    drivers = replace(drivers, target_speed=np.where(kind == RULE_BASED, 12.5, 0.0))
-    road = random_road(np.random.default_rng(0))
-    road = replace(
-        road,
-        present=np.arange(LANES_MAX) < 3,
-        open_to_change=np.arange(LANES_MAX) < 3,
-        centre=4.0 * np.arange(LANES_MAX),
-        width=np.full(LANES_MAX, 4.0),
-        end=np.full(LANES_MAX, 10_000.0),
-        speed_limit=np.full(LANES_MAX, 30.0),
-    )
-    vehicles = random_vehicles(np.random.default_rng(0), road, count)
-    place = np.concatenate([x, ahead])
-    zeros, no = np.zeros(count), np.zeros(count, bool)
-    vehicles = replace(
-        vehicles,
-        x=place,
-        y=4.0 * lane,
-        heading=zeros,
-        slip_sine=zeros,
-        acceleration=zeros,
-        speed=np.where(kind == RULE_BASED, 12.5, 10.0),
-        target_lane=lane.astype(np.int32),
-        timer=(place + 4.0 * lane) * np.pi % 1.0,
-        crashed=no,
-        impacted=no,
-        impact_x=zeros,
-        impact_y=zeros,
-    )
-    return fit(World(road, drivers, vehicles), count)
+def paper_traffic(rng):
+    """A start of the paper's trap: an ego behind two slow cars, and traffic ahead."""
+    key = jax.random.key(int(rng.integers(2**31)))
+    start = jax.device_get(trap.sample(TrapSettings(), key, "training"))
+
+    def wide(values):
+        """In 64 bits; what is compared is the same state in both worlds."""
+        return values.astype(np.float64) if values.dtype == np.float32 else np.array(values)
+
+    return jax.tree.map(wide, start)

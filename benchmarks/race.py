@@ -12,22 +12,22 @@ chosen; the test start is not looked at. The same command continues what was sto
 """
 
 import argparse
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
+sys.path.append(str(Path(__file__).parents[1] / "campaigns"))
+import record
+
 from lanewise import config
 from lanewise.experiments import schedule
 from lanewise.experiments.jobs import Job
-from lanewise.report import provenance
 from lanewise.runs import metrics_file, run_state, selected_weights
 from lanewise.runs.run_folder import RunFolder
-from lanewise.system import folder_io, process, version
+from lanewise.system import folder_io, process
 
 SPACES: dict[str, dict[str, Sequence[object]]] = {
     "single-level": {
@@ -154,20 +154,11 @@ def write(out: Path) -> None:
                 "weights_sha256": run_state.weights_digest(folder),
             }
         )
-    record = {
-        "what": "Settings of the flat controller and of h-DQN, searched as long as those of the "
-        "hierarchical one: benchmarks/race.py says how.",
-        "command": f"python benchmarks/race.py --out {out}",
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        **version.source(),
-        "versions": provenance.versions(),
-        "machine": provenance.machine(),
-        "spaces": SPACES,
-        "rows": rows,
-    }
-    beside = out / "race.json.part"
-    beside.write_text(json.dumps(record, indent=1) + "\n")
-    beside.replace(out / "race.json")
+    what = (
+        "Settings of the flat controller and of h-DQN, searched as long as those of the "
+        "hierarchical one: benchmarks/race.py says how."
+    )
+    record.store(out / "race.json", {"what": what, "spaces": SPACES, "rows": rows})
 
 
 if __name__ == "__main__":

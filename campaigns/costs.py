@@ -16,8 +16,7 @@ from unittest.mock import patch
 import jax
 import record
 
-from lanewise.bench.parts import update
-from lanewise.bench.workers import lanewise_training, lanewise_update
+from lanewise.bench import workloads
 from lanewise.learning import network
 from lanewise.system.progress import Progress
 from lanewise.training import finite, stage
@@ -34,21 +33,16 @@ def plain_layer(features, weights, biases):
 
 def updates(seconds):
     """Two measurements of updates a second: as they are, and with XLA's own gradient."""
-    ours = lanewise_update.prepare(update.INPUTS, update.OUTPUTS, seconds)
+    ours = workloads.update(seconds)
     with patch.object(network, "_layer", plain_layer):
-        plain = lanewise_update.prepare(update.INPUTS, update.OUTPUTS, seconds)
-
-    def rate(measure):
-        found = measure()
-        return found["updates"] / found["seconds"]
-
-    return lambda: rate(ours), lambda: rate(plain)
+        plain = workloads.update(seconds)
+    return lambda: ours()["value"], lambda: plain()["value"]
 
 
 def chunks(worlds, seconds):
     """Two measurements of steps a second: as they are, and without the look."""
-    plan = lanewise_training.plan(worlds, lanewise_training.WARM_UP)
-    states = [lanewise_training.begun(plan, seed=0).state for _ in range(2)]
+    plan = workloads.training_plan(worlds, workloads.WARM_UP)
+    states = [workloads.past_warm_up(plan, seed=0).state for _ in range(2)]
     ours = Chunks(plan.course, states[0], seconds)
     with (
         patch.object(finite, "between", lambda *_: None),

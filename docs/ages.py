@@ -88,6 +88,8 @@ def _remedy(stored: Sequence[Any]) -> str:
     command, *others = {result.get("command") for result in stored}
     if others or command is None:
         return "results/README.md says how to make it anew"
+    # Its name when peers were measured by the package.
+    command = command.replace("lanewise bench --python", "python benchmarks/peers.py --python")
     if "training_seed" in stored[0]:
         return f"train the run anew, then `{command}`"
     return f"make it anew with `{command}`"

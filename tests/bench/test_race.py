@@ -1,31 +1,18 @@
 """The race searches settings that exist, around the defaults."""
 
-import importlib.util
 import json
 import sys
-from pathlib import Path
 
 import pytest
+import race
 
 from lanewise import config
 from lanewise.runs.run_folder import RunFolder
 from lanewise.system import version
 
-FILE = Path(__file__).resolve().parents[2] / "benchmarks" / "race.py"
-
-
-@pytest.fixture(scope="module")
-def race():
-    spec = importlib.util.spec_from_file_location("race", FILE)
-    module = importlib.util.module_from_spec(spec)
-    # Dataclasses ask for the module they are of.
-    sys.modules["race"] = module
-    spec.loader.exec_module(module)
-    return module
-
 
 @pytest.mark.parametrize("controller", ["single-level", "h-dqn"])
-def test_every_setting_of_the_race_is_one(race, controller):
+def test_every_setting_of_the_race_is_one(controller):
     defaults = config.flatten(config.compose())
     for name, values in race.SPACES[controller].items():
         assert defaults[name] in values, f"{name}: the default is not among what is tried"
@@ -33,7 +20,7 @@ def test_every_setting_of_the_race_is_one(race, controller):
             config.compose(flags={name: value})
 
 
-def test_both_get_as_many_trainings_as_the_hierarchical_controller_had(race):
+def test_both_get_as_many_trainings_as_the_hierarchical_controller_had():
     for controller in race.SPACES:
         tried = race.settings_of(controller)
         assert tried == race.settings_of(controller)
@@ -44,7 +31,7 @@ def test_both_get_as_many_trainings_as_the_hierarchical_controller_had(race):
 
 
 @pytest.mark.parametrize("controller", ["single-level", "h-dqn"])
-def test_the_step_size_falls_as_long_as_there_are_updates(race, controller):
+def test_the_step_size_falls_as_long_as_there_are_updates(controller):
     for changes in race.settings_of(controller):
         settings = config.compose(flags=changes)
         budget = settings.single_level if controller == "single-level" else settings.h_dqn
@@ -54,7 +41,7 @@ def test_the_step_size_falls_as_long_as_there_are_updates(race, controller):
             assert level.learner.learning_rate_decay == pytest.approx(updates, rel=1e-3)
 
 
-def test_the_best_go_on_and_nothing_is_trained_twice(race, tmp_path, monkeypatch):
+def test_the_best_go_on_and_nothing_is_trained_twice(tmp_path, monkeypatch):
     """With trainings that leave nothing but how good they are: settings 7, 8, 9 and 10 are best."""
     trained = []
 

@@ -99,7 +99,6 @@ def run_process(*words):
             "--seed and --seeds lead to seed 2147483648; the last one must be between 0 and",
         ),
         (["bench", "wrld"], "PARTS must be one of start-up, world, latency"),
-        (["bench", "--python", "absent"], "absent is no Python interpreter"),
     ],
 )
 def test_refusals(words, hint, capsys, inside):

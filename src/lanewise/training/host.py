@@ -182,7 +182,7 @@ def _last(progress: StageProgress) -> Parameters:
 def compare(plan: StagePlan, frozen: Parameters, progress: StageProgress) -> dict[str, Any]:
     """A line about a finished stage: what it hands on and its last weights, on fresh starts.
 
-    `runs.kept` says when the two are an accident.
+    `runs.selected_weights` says when the two are an accident.
     """
     weights, chunk = _kept(plan, progress)
     last = _fresh(plan, frozen | _last(progress))

@@ -1,12 +1,16 @@
+"""Live environments and our world at every tick; each difference has a name, where it may."""
+
 from dataclasses import replace
 
 import jax
 import numpy as np
 import parity_names
 import pytest
-from parity_compare import errors_but_flags, errors_of
-from parity_environments import UNREPRESENTED, draw
-from parity_live import at, commanded, compare, drive, follow
+from highway_env.road.lane import SineLane, StraightLane
+from highway_env.vehicle.objects import Landmark
+from parity_compare import at, errors_but_flags, errors_of
+from parity_drive import commanded, compare, drive, follow
+from parity_environments import default_env, draw, make
 from parity_states import fit, paper_traffic
 
 import parity
@@ -14,43 +18,71 @@ from lanewise.errors import SettingsError
 from lanewise.interop.highway_env import build_env, read_world
 
 ROOM, LANES = 16, 8
-"""One compiled size for all tests here."""
+"""One compiled size for most tests here."""
 
 
-def rows(numbers, seconds, most):
-    return [compare(0, number, seconds, ROOM, most) for number in numbers]
-
-
-def faulty(rows):
-    return [row for row in rows if not row["expected"] or row.get("unexplained")]
+def explained(numbers, seconds, most):
+    """The names of the differences of some configurations, all of which must have one."""
+    names = set()
+    for number in numbers:
+        configuration = draw(0, number, seconds, most)
+        found = compare(make(0, configuration), seconds, ROOM)
+        assert found["unexplained"] == [], configuration
+        names |= set(found["names"])
+    return names
 
 
 def test_a_few_live_environments():
-    assert faulty(rows((3, 7, 19, 31, 38), 3.0, 8)) == []
+    explained((3, 7, 19, 31, 38), 3.0, 8)
 
 
 @pytest.mark.slow
 def test_many_live_environments():
-    compared = rows(range(100), 10.0, 12)
-    assert faulty(compared) == []
-    assert {name for row in compared for name in row.get("names", ())} != set()
+    assert explained(range(100), 10.0, 12)
 
 
-@pytest.mark.parametrize("name", UNREPRESENTED)
-def test_what_is_not_represented_is_refused(name):
+def test_a_free_run_of_paper_traffic():
+    found = parity.paper_run(1, 0, None)
+    assert found["exceptions"] == []
+    assert max(found["largest_errors"].values()) < 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(4))
+@pytest.mark.parametrize("run", [parity.paper_run, parity.default_run])
+def test_free_runs(run, number):
+    assert run(2, number, None)["exceptions"] == []
+
+
+def curved(env):
+    lane = SineLane([0.0, 16.0], [10_000.0, 16.0], 1, 0.1, 0)
+    env.road.network.add_lane("0", "1", lane)
+
+
+def oblique(env):
+    lane = StraightLane([0.0, 16.0], [10_000.0, 40.0])
+    env.road.network.add_lane("0", "1", lane)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [curved, oblique, lambda env: env.road.objects.append(Landmark(env.road, [300.0, 4.0]))],
+)
+def test_what_is_not_represented_is_refused(change):
+    """More is in ``tests/world/test_refusals.py``."""
+    env = default_env(0)
+    read_world(env)
+    change(env)
     with pytest.raises(SettingsError):
-        read_world(UNREPRESENTED[name]())
+        read_world(env)
 
 
 def test_every_rate_and_every_number_of_lanes_is_drawn():
-    drawn = [draw(0, number) for number in range(340)]
-    compared = [one for one in drawn if one.unread is None]
-    assert len(compared) >= 300
-    assert {one.unread for one in drawn} == {None, *UNREPRESENTED}
-    assert len({(one.rate, one.lanes) for one in compared}) == 88
-    assert {one.controlled for one in compared} == {1, 2, 3, 4}
-    assert min(one.others for one in compared) == 0
-    assert max(one.others for one in compared) == 80
+    drawn = [draw(0, number) for number in range(330)]
+    assert len({(one.rate, one.lanes) for one in drawn}) == 88
+    assert {one.controlled for one in drawn} == {1, 2, 3, 4}
+    assert min(one.others for one in drawn) == 0
+    assert max(one.others for one in drawn) == 80
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +97,7 @@ def test_what_is_read_and_does_not_drive_alike_has_no_name(driven):
     other = replace(drivers, time_gap=drivers.time_gap + 0.1)
     wrong = replace(driven, start=replace(driven.start, drivers=other))
     found, *_ = follow(wrong, ROOM)
-    assert [difference.names for difference in found] == [(None,)] * len(driven.number)
+    assert [difference["names"] for difference in found] == [(None,)] * len(driven.number)
 
 
 def one_tick_apart(driven, change):
@@ -141,24 +173,14 @@ def test_a_gain_within_its_rounding_of_the_threshold_is_named(bounds, named):
 
 def test_a_campaign_goes_on_from_what_is_done(tmp_path):
     path, task = tmp_path / "parity.partial", ("live_environments", 0, 3)
-    parity.Done(path, {"state": "a"}).add(
-        task, {"expected": True, "names": ("amplified-rounding",)}
-    )
-    assert parity.Done(path, {"state": "a"}).parts == {
-        task: {"expected": True, "names": ["amplified-rounding"]}
-    }
+    parity.Done(path, {"state": "a"}).add(task, {"names": ("amplified-rounding",)})
+    assert parity.Done(path, {"state": "a"}).parts == {task: {"names": ["amplified-rounding"]}}
     assert parity.Done(path, {"state": "b"}).parts == {}
 
 
 def test_what_fails_a_campaign():
-    parts = [
-        {"exceptions": []},
-        {"exceptions": [{}]},
-        {"expected": True, "unexplained": []},
-        {"expected": True, "unexplained": [{}]},
-        {"expected": False, "refused": "a route"},
-    ]
-    assert parity.faults(dict(enumerate(parts))) == 3
+    parts = [{"exceptions": []}, {"exceptions": [{}]}, {"unexplained": []}, {"unexplained": [{}]}]
+    assert parity.faults(parts) == 2
 
 
 def test_the_result_names_every_difference():

@@ -1,1 +1,0 @@
-"""Programs that measure one thing each, run by `bench.runner`; some need only a peer."""
