@@ -6,9 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
-import strangers_files
 
 import lanewise
+import untrusted_files
 
 SOURCE = Path(lanewise.__file__).parent
 MODULES = {
@@ -104,9 +104,9 @@ from contextlib import nullcontext, suppress
 from pathlib import Path
 
 sys.path.insert(0, sys.argv[1])
-import strangers_files
+import untrusted_files
 
-loads = strangers_files.TARGETS
+loads = untrusted_files.TARGETS
 place, planted = Path(sys.argv[2]), sys.argv[3]
 from lanewise.errors import LanewiseError
 from lanewise.runs import trained
@@ -159,13 +159,13 @@ print(caught)
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
     path = tmp_path_factory.mktemp("watched")
-    strangers_files.make(path, real=False)
+    untrusted_files.make(path)
     return path
 
 
 def watched(place, planted=""):
     """What a process was caught at while it loaded a file of every kind."""
-    words = [str(Path(strangers_files.__file__).parent), str(place), planted]
+    words = [str(Path(untrusted_files.__file__).parent), str(place), planted]
     made = subprocess.run(
         [sys.executable, "-c", WATCHED, *words], capture_output=True, text=True, check=False
     )

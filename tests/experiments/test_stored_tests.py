@@ -7,7 +7,6 @@ import shutil
 import jax
 import numpy as np
 import pytest
-from strangers_files import FLAGS, _episodes
 
 from lanewise import config, reading, version
 from lanewise.errors import RunError
@@ -16,6 +15,7 @@ from lanewise.runs import trained
 from lanewise.runs.files import OpenFolder
 from lanewise.runs.folder import RunFolder
 from lanewise.training import recipe
+from untrusted_files import FLAGS, made_up_episodes
 
 TEXT = """
 seeds = 2
@@ -46,7 +46,9 @@ def finish(job, weight):
         (job.path / work.SETTINGS).write_text(config.dump_toml(job.settings))
     for world in job.episodes:
         run = work._origin(job)
-        work._store(OpenFolder(job.path), job.controller, world, _episodes(job.seed), 1.5, run)
+        work._store(
+            OpenFolder(job.path), job.controller, world, made_up_episodes(job.seed), 1.5, run
+        )
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-import strangers_files
 
+import untrusted_files
 from lanewise import config, reading
 from lanewise.errors import CheckpointError, LanewiseError, RunError, SettingsError
 from lanewise.experiments import experiment, work
@@ -32,7 +32,7 @@ def run(tmp_path):
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
     path = tmp_path_factory.mktemp("strangers")
-    strangers_files.make(path, real=False)
+    untrusted_files.make(path)
     return path
 
 
@@ -146,10 +146,10 @@ def test_a_test_from_before_is_held_against_its_episodes(place, tmp_path):
     table = (tests / "lanewise.csv").read_text()
     (tmp_path / "tests" / "lanewise.csv").write_text(table)
     (tmp_path / "tests" / "lanewise.json").write_text(json.dumps(stored))
-    assert work.read_test(strangers_files.tested(tmp_path), "lanewise").summary.episodes == 40
+    assert work.read_test(untrusted_files.tested(tmp_path), "lanewise").summary.episodes == 40
     (tmp_path / "tests" / "lanewise.csv").write_text(table.replace(",25.0,", ",24.0,", 1))
     with pytest.raises(RunError, match="do not agree; delete it"):
-        work.read_test(strangers_files.tested(tmp_path), "lanewise")
+        work.read_test(untrusted_files.tested(tmp_path), "lanewise")
 
 
 @pytest.mark.parametrize(
@@ -175,7 +175,7 @@ def test_a_stored_test_signed_anew_is_checked_all_the_same(place, tmp_path, chan
         stored["digest"] = reading.digest(stored)
     (tests / "lanewise.json").write_text(json.dumps(stored))
     with pytest.raises(RunError, match=says):
-        work.read_test(strangers_files.tested(tmp_path), "lanewise")
+        work.read_test(untrusted_files.tested(tmp_path), "lanewise")
 
 
 FUTURE = {"version": 9, "lanewise": "7.0.0"}
@@ -187,7 +187,7 @@ def load_altered(place, target, file, changes, tmp_path):
     head, *lines = (folder / file).read_text().splitlines() if "jsonl" in file else [None]
     document = json.loads(head or (folder / file).read_text()) | changes
     (folder / file).write_text("\n".join([json.dumps(document), *lines]) + "\n")
-    load = next(each.load for each in strangers_files.TARGETS if each.name == target)
+    load = next(each.load for each in untrusted_files.TARGETS if each.name == target)
     with pytest.raises(LanewiseError) as caught:
         load(folder)
     return str(caught.value)
@@ -218,7 +218,7 @@ def test_a_stored_test_is_an_object(place, tmp_path, text):
     folder = shutil.copytree(place / "whole" / "stored test", tmp_path / "run")
     (folder / "tests" / "lanewise.json").write_text(text)
     with pytest.raises(RunError, match="is damaged; delete it"):
-        work.read_test(strangers_files.tested(folder), "lanewise")
+        work.read_test(untrusted_files.tested(folder), "lanewise")
 
 
 def test_a_policy_of_a_future_format_says_its_version(place, tmp_path):
@@ -240,7 +240,7 @@ def test_a_stored_test_is_no_larger_than_one_can_be(place, tmp_path):
     shutil.copytree(place / "whole" / "stored test" / "tests", tests)
     (tests / "lanewise.json").write_text("[" + '{"a":[],"b":{}},' * 10_000 + "0]\n")
     with pytest.raises(RunError, match=r"lanewise.json: too large: larger than 100000 bytes"):
-        work.read_test(strangers_files.tested(tmp_path), "lanewise")
+        work.read_test(untrusted_files.tested(tmp_path), "lanewise")
 
 
 def test_tests_are_neither_written_nor_read_through_a_link(place, tmp_path):
@@ -249,7 +249,7 @@ def test_tests_are_neither_written_nor_read_through_a_link(place, tmp_path):
     before = {path: path.read_bytes() for path in elsewhere.iterdir()}
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "tests").symlink_to(elsewhere)
-    job, episodes = strangers_files.tested(tmp_path / "run"), strangers_files._episodes(1)
+    job, episodes = untrusted_files.tested(tmp_path / "run"), untrusted_files.made_up_episodes(1)
     for use in (
         lambda: work.read_test(job, "lanewise"),
         lambda: work.is_tested(job, "lanewise", 40),
@@ -369,4 +369,4 @@ def test_a_network_has_so_many_layers_and_no_more():
 def test_devices_and_what_is_no_file_are_no_settings(tmp_path):
     for name in ("/dev/zero", "/proc/self/status"):
         with pytest.raises(LanewiseError, match=f"cannot read settings file {name}: .*not a reg"):
-            config.load_toml(strangers_files.Path(name))
+            config.load_toml(untrusted_files.Path(name))

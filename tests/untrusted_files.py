@@ -1,0 +1,257 @@
+"""Whole files of every kind that people pass on, each with the function that loads it."""
+
+import dataclasses
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from lanewise import config
+from lanewise.commands import journal
+from lanewise.evaluation.episodes import Episodes
+from lanewise.evaluation.grid import Outcome, Reach
+from lanewise.experiments import experiment, work
+from lanewise.export import contents, formats
+from lanewise.runs import checkpoint, resume, trained, tree
+from lanewise.runs.files import OpenFolder
+from lanewise.runs.folder import RunFolder
+from lanewise.runs.metrics import MetricsWriter
+from lanewise.runs.trained import Trained
+from lanewise.settings import STAGES, Settings
+from lanewise.training import host, recipe
+
+STAGE = {
+    "worlds": 2,
+    "decisions": 500,
+    "duration": 12,
+    "learner.hidden": (16, 16),
+    "learner.batch_size": 8,
+    "learner.warm_up": 40,
+    "learner.replay_capacity": 300,
+}
+FLAGS = {
+    "scenario.traffic.vehicles_ahead": 0,
+    "planner.preview": 2,
+    "evaluation.duration": 4,
+    "evaluation.validation_episodes": 5,
+    "evaluation.validation_interval": 2,
+    **{f"{stage}.{name}": value for stage in STAGES for name, value in STAGE.items()},
+}
+WHOLE_SEED, OTHER_SEED = 4, 5
+IDENTITY = {"kind": "Sweep", "controller": "hierarchical", "weights": "0" * 64, "seed": 0}
+EXPERIMENT = """title = "Two arms"
+preset = "quick"
+seeds = 2
+episodes = 30
+highway_env_episodes = 10
+[arms.planned]
+title = "step 1"
+controller = "planned"
+[arms.hierarchical]
+title = "both steps"
+controller = "hierarchical"
+high_level = "planned"
+[arms.hierarchical.settings]
+"low_level.tracking_weight" = 0.5
+"""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A kind of file, or of folder, that people load."""
+
+    name: str
+    files: tuple[str, ...]
+    """Within its folder."""
+    load: Callable[[Path], Any]
+    """(folder) -> what was loaded, as plain values that can be compared."""
+    signed: bool = True
+    """Whether it carries digests; what people write by hand carries none."""
+
+
+def _plain(value):
+    """Arrays as their bytes, so that two loads can be compared bit for bit."""
+    if isinstance(value, np.ndarray | jax.Array):
+        return (str(value.dtype), value.shape, np.asarray(value).tobytes())
+    if isinstance(value, dict):
+        return {name: _plain(inner) for name, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    if dataclasses.is_dataclass(value):
+        return _plain({f.name: getattr(value, f.name) for f in dataclasses.fields(value)})
+    return value
+
+
+def _run(folder):
+    return _plain(trained.load(folder / "run"))
+
+
+def _stopped(folder):
+    opened = RunFolder.open(folder / "run")
+    return _plain((opened.settings, opened.seed, opened.controller, resume.read(opened)))
+
+
+def _lines(folder):
+    return trained.lines(RunFolder.open(folder / "run"))
+
+
+def _policy(folder):
+    found = formats.load(folder / "policy.npz")
+    return _plain((found.about, found.arrays))
+
+
+def _settings(folder):
+    return config.compose(file=folder / "settings.toml")
+
+
+def _experiment(folder):
+    return _plain(experiment.load_file(folder / "experiment.toml"))
+
+
+def tested(folder):
+    """The job whose test lies in the folder of that target, without a training."""
+    return work.Job("tested", "hierarchical", False, Settings(), 0, folder, None, {"lanewise": 40})
+
+
+def _test(folder):
+    return _plain(work.read_test(tested(folder), "lanewise"))
+
+
+def _journal(folder):
+    return _plain(journal.read(folder / "progress.jsonl", IDENTITY))
+
+
+JOURNAL = "journal of a sweep"
+TARGETS = (
+    Target(
+        "finished run",
+        ("run/run.json", "run/settings.toml", "run/controller.json", "run/controller.safetensors"),
+        _run,
+    ),
+    Target(
+        "stopped run",
+        (
+            *("run/run.json", "run/stages/step-1.json", "run/stages/step-1.safetensors"),
+            "run/metrics.jsonl",
+            "run/checkpoints/stage-01-chunk-00000003.json",
+            "run/checkpoints/stage-01-chunk-00000003.safetensors",
+        ),
+        _stopped,
+    ),
+    Target("metrics of a finished run", ("run/metrics.jsonl",), _lines),
+    Target("exported policy, hierarchical", ("policy.npz",), _policy),
+    Target("exported policy, planned", ("policy.npz",), _policy),
+    Target("settings by hand", ("settings.toml",), _settings, signed=False),
+    Target("experiment by hand", ("experiment.toml",), _experiment, signed=False),
+    Target("stored test", ("tests/lanewise.json", "tests/lanewise.csv"), _test),
+    Target(JOURNAL, ("progress.jsonl",), _journal),
+)
+
+
+def make(place: Path) -> None:
+    """Write a folder of each target below ``place / "whole"``, and another of its kind in "other".
+
+    The runs hold zeros in place of what is learnt, which loads just the same.
+    """
+    for twin, seed in (("whole", WHOLE_SEED), ("other", OTHER_SEED)):
+        out = place / twin
+        finished, stopped = out / TARGETS[0].name / "run", out / TARGETS[1].name / "run"
+        for path in (finished, stopped):
+            with RunFolder.create(path, config.compose(flags=FLAGS), "hierarchical", seed) as run:
+                _fill(run, path is finished)
+        shutil.copytree(finished, out / TARGETS[2].name / "run")
+        _policies(out, trained.load(finished))
+        for target, file, text in (
+            ("settings by hand", "settings.toml", config.dump_toml(config.compose(flags=FLAGS))),
+            ("experiment by hand", "experiment.toml", EXPERIMENT),
+        ):
+            (out / target).mkdir()
+            (out / target / file).write_text(text)
+        _tested(out / "stored test", seed)
+        _sweep(out / JOURNAL / "progress.jsonl", seed)
+        shutil.rmtree(finished / "checkpoints", ignore_errors=True)
+
+
+def _fill(run, whole):
+    stages = recipe.RECIPES[run.controller]
+    ledger = dataclasses.asdict(
+        host.Ledger(3, 300, 2, (1.5, float(run.seed)), 1, (0.5,), (2,), (0.5,), 2)
+    )
+    with MetricsWriter(run.metrics) as metrics:
+        for number in (1, 2):
+            metrics.append(_chunk(number))
+        mark = trained.Mark.after(metrics)
+    parameters = {}
+    for stage in stages if whole else stages[:1]:
+        blank = _zeros(trained.blank_networks(run, stage), run.seed)
+        trained.save_stage(run, stage, blank, {"ledger": ledger, **mark})
+        parameters |= blank
+    if whole:
+        return trained.save_controller(run, parameters)
+    shapes = tree.shapes(resume.blank(run, 1))
+    arrays = {name: np.zeros(leaf.shape, leaf.dtype) for name, leaf in shapes.items()}
+    arrays["state/iteration"] = np.int32(150)
+    meta = {"stage": 1, "seed": run.seed, "ledger": ledger, **mark}
+    return checkpoint.save(
+        run.checkpoints, checkpoint.checkpoint_name(1, 3), arrays, meta, run.digest
+    )
+
+
+def _zeros(shapes, seed):
+    return jax.tree.map(lambda leaf: np.full(leaf.shape, seed, leaf.dtype), shapes)
+
+
+def _chunk(number):
+    figures = dict.fromkeys(("epsilon", "loss", "mean_q", "success_rate", "accident_rate"), 0.25)
+    figures |= dict.fromkeys(("reward", "timestep_reward", "speed"), 1.5)
+    counts = dict.fromkeys(("decisions", "episodes", "updates", "transitions"), 100 * number)
+    return {"kind": "chunk", "stage": "step-1", "chunk": number, **counts, **figures}
+
+
+def _policies(out, controller):
+    high = {"high_level": controller.parameters["high_level"]}
+    planned = Trained("planned", controller.settings, controller.seed, high)
+    for each in (controller, planned):
+        folder = out / f"exported policy, {each.name}"
+        folder.mkdir()
+        formats.save(contents.policy(each, "0" * 64), folder / "policy.npz")
+
+
+def made_up_episodes(seed, count=40):
+    rng = np.random.default_rng(seed)
+    success = rng.random(count) < 0.7
+    return Episodes(
+        success=success,
+        accident=np.where(success, 0, rng.integers(0, 4, count)).astype(np.int8),
+        accumulated_reward=rng.normal(13, 1, count),
+        average_speed=rng.normal(13, 0.2, count),
+        travel_distance=rng.normal(325, 5, count),
+        duration=np.where(success, 25.0, 10.0),
+        escape_time=np.where(success, 15.0 + rng.random(count), np.nan),
+        goals=np.full(count, 10),
+        goals_timed_out=np.arange(count) % 4,
+    )
+
+
+def _tested(path, seed):
+    path.mkdir()
+    (path / work.SETTINGS).write_text(config.dump_toml(Settings()))
+    run = work._origin(tested(path))
+    work._store(OpenFolder(path), "hierarchical", "lanewise", made_up_episodes(seed), 1.5, run)
+
+
+def _sweep(path, seed):
+    book = journal.open_(path, IDENTITY if seed == WHOLE_SEED else IDENTITY | {"seed": seed})
+    with book.folder, book.file:
+        book.add([Reach(True, True, bool(n % 2), "0123" * n, n + seed) for n in range(4)])
+        book.add([Outcome(20, 18, 1, 1, 0, 12.5 + n, 9.25 + seed) for n in range(4)])
+
+
+def fingerprint(value: Any) -> str:
+    """What was loaded, as a text."""
+    return json.dumps(value, default=repr, sort_keys=True)
