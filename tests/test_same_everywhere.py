@@ -44,20 +44,10 @@ def train(place, name="", seed=0):
     run, cores = place / (name.replace(",", "") or str(seed)), os.sched_getaffinity(0)
     if "one core" in name:
         os.sched_setaffinity(0, {min(cores)})
+    trained = ["train", "single-level", "--settings", "s.toml", "--seed", str(seed)]
+    tested = ["evaluate", str(run), "--episodes", "7", "--episodes-out", f"{run}.csv"]
     try:
-        for words in (
-            [
-                "train",
-                "single-level",
-                "--settings",
-                "s.toml",
-                "--seed",
-                str(seed),
-                "--out",
-                str(run),
-            ],
-            ["evaluate", str(run), "--episodes", "7", "--episodes-out", f"{run}.csv"],
-        ):
+        for words in ([*trained, "--out", str(run)], tested):
             subprocess.run(
                 [sys.executable, "-m", "lanewise", *words], cwd=place, env=environment, check=True
             )
