@@ -1,5 +1,6 @@
 """The result file of a campaign: what was done, how, with what, and what came out."""
 
+import argparse
 import hashlib
 import json
 import shlex
@@ -13,6 +14,22 @@ from lanewise.report.provenance import machine, source, versions
 from lanewise.system.folder_io import write_atomically
 
 ROOT = Path(__file__).parents[1]
+
+
+def parse(description: str, name: str, **sizes: float) -> argparse.Namespace:
+    """Read a campaign's command line.
+
+    Args:
+        description: the module's docstring, whose first line is shown.
+        name: of the result file, without its ending.
+        sizes: how much there is to do, by option; the default gives the type.
+    """
+    parser = argparse.ArgumentParser(description=description.splitlines()[0])
+    for option, default in sizes.items():
+        parser.add_argument(f"--{option}", type=type(default), default=default)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=ROOT / "results" / "trust" / f"{name}.json")
+    return parser.parse_args()
 
 
 def store(path: Path, figures: dict, seed: int | None = None, packages=()) -> None:

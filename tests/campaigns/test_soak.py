@@ -1,4 +1,7 @@
-"""The soak tells results that differ from times that may, and memory that grows."""
+"""The soak compares results without their times, and notices memory that grows."""
+
+import os
+import sys
 
 import numpy as np
 import pytest
@@ -9,8 +12,8 @@ def test_times_may_differ_and_nothing_else():
     report = {"date": "today", "arms": [{"seconds": 3.0, "success": 1.0}]}
     later = {"date": "tomorrow", "arms": [{"seconds": 4.0, "success": 1.0}]}
     worse = {"date": "today", "arms": [{"seconds": 3.0, "success": 0.9}]}
-    assert soak._timeless(report) == soak._timeless(later)
-    assert soak._timeless(report) != soak._timeless(worse)
+    assert soak.timeless(report) == soak.timeless(later)
+    assert soak.timeless(report) != soak.timeless(worse)
 
 
 @pytest.mark.parametrize(
@@ -28,33 +31,29 @@ def test_memory_of_the_later_half(memory, growth):
     assert (growth > soak.GROWTH) == (memory[-1] == 800 and len(memory) == 5)
 
 
-class Ended:
-    """A reproduction that is stopped when it has just written its report, and started again."""
-
-    largest, starts, said = 0, 0, ""
-
-    def __init__(self, out, words, environment):
-        type(self).starts += 1
-
-    def wait(self, seconds):
-        return type(self).starts > 1
-
-    def stop(self, way):
-        pass
-
-    def outcome(self):
-        return 2, self.said
-
-
 @pytest.mark.parametrize("complete", [True, False])
 def test_a_stop_may_come_after_the_report(tmp_path, monkeypatch, complete):
-    """Only that it is complete may be said then."""
+    """The command that is started again may then say that all is complete, and nothing else."""
     said = f"{tmp_path} is complete: see report.md" if complete else "out of memory"
-    monkeypatch.setattr(soak, "Watched", type("Stopped", (Ended,), {"said": said}))
+    attempts = iter([(True, -9, "", 100), (False, 2, said, 90)])
+    monkeypatch.setattr(soak, "attempt", lambda *_: next(attempts))
     rng = np.random.default_rng(0)
     if complete:
-        stops, _ = soak.reproduction(tmp_path, [], {}, rng, mean=1.0)
+        stops, largest = soak.reproduction(tmp_path, {}, rng, stop=True)
         assert len(stops) == 1
+        assert largest == 100
     else:
         with pytest.raises(SystemExit, match="out of memory"):
-            soak.reproduction(tmp_path, [], {}, rng, mean=1.0)
+            soak.reproduction(tmp_path, {}, rng, stop=True)
+
+
+def test_an_attempt_ends_by_itself_or_is_stopped_with_its_children():
+    forks = "import subprocess, sys; print('begun', flush=True); subprocess.run(['sleep', '60'])"
+    for program, seconds, stopped, status in (
+        ("import sys; print('done'); sys.exit(3)", 60.0, False, 3),
+        (forks, 2.0, True, -9),
+    ):
+        found = soak.attempt([sys.executable, "-c", program], os.environ, seconds, "SIGKILL")
+        assert found[:2] == (stopped, status)
+        assert found[2] in ("done\n", "begun\n")
+        assert found[3] > 1

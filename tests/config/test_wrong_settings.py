@@ -1,110 +1,212 @@
-"""Wrong settings: a small part of the campaign, through the same functions."""
+"""Wrong settings, made from every field's type and range, are refused at every door users have.
 
-import random
-from dataclasses import replace
+Refused well: before anything starts, in one or two lines, with the name, the type or the range.
+"""
 
+import contextlib
+import io
+import math
+import os
+import re
+import subprocess
+import sys
+
+import gymnasium
 import pytest
-import wrong_doors
-import wrong_settings
-from wrong_doors import Met, Mistake
 
-SEED, EACH = 3, 2
+import lanewise
+from lanewise import config
+from lanewise.cli import main
+from lanewise.errors import LanewiseError
 
-
-@pytest.fixture(scope="module")
-def mistakes():
-    """First those of the doors that need no JAX."""
-    light, others = wrong_settings.split(wrong_settings.generate(SEED, EACH))
-    return light + others
-
-
-@pytest.fixture(scope="module")
-def found(mistakes):
-    """What became of all of them, the light ones in a process of their own."""
-    _, others = wrong_settings.split(mistakes)
-    met = wrong_settings.apart(SEED, EACH) + wrong_settings.run(others)
-    return wrong_settings.figures(mistakes, met)
+SETTINGS = config.flatten(config.compose())
+FIELDS = config.kinds()
+NOUNS = {int: "whole number", float: "number", bool: "true or false"}
+TRAIN = ("train", "hierarchical", "--out", "taken")
+"""The folder is taken, so that a mistake that is let in starts nothing."""
+ENVIRONMENT = ("scenario.", "driving.", "goals.", "planner.")
+"""Sections that an environment takes."""
 
 
-def test_every_mistake_is_refused_before_anything_starts(found):
-    assert found["mistakes"] > 500
-    assert found["let_in"] == []
-    assert found["refused"] == found["mistakes"]
+def toml(value):
+    """A value as a TOML file writes it."""
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{name} = {toml(each)}" for name, each in value.items()) + " }"
+    if isinstance(value, str):
+        return f'"{value}"'
+    return {True: "true", False: "false"}[value] if isinstance(value, bool) else repr(value)
 
 
-def test_the_hint_is_right(found):
-    assert found["hint_rate"] >= wrong_settings.AIM, found["without_the_right_hint"]
+def wrong_values(name):
+    """(value, what the message must hold) of values that a setting cannot have."""
+    field = FIELDS[name]
+    options = getattr(field.bound, "names", ())
+    hint = options or (NOUNS[field.type],)
+    wrong = ["many", {"value": 1}, *([True] if field.type is not bool else [1, "yes"])]
+    if field.type is int:
+        wrong += [2.5, 2.0]
+    if field.length is not None:
+        wrong = [[value] * (field.length or 1) for value in wrong]
+        wrong += [
+            15,
+            "15 16",
+            *([[SETTINGS[name][0]] * 3] if field.length == 2 and SETTINGS[name] else []),
+        ]
+    for value in wrong:
+        yield value, hint
+    low, high = (getattr(field.bound, side, None) for side in ("low", "high"))
+    if low is None:
+        return
+    bounds = [re.sub(r"\.0$", "", repr(bound)) for bound in (low, high)]
+    below, above = low - 1, high + 1
+    if field.type is float:
+        below, above = math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
+    beyond = [field.type(-(10**12)), below, above, 10**400]
+    beyond += [math.nan, math.inf] if field.type is float else []
+    for value in beyond:
+        yield (value if field.length is None else [value] * (field.length or 1)), bounds
 
 
-def test_every_kind_of_mistake_is_made_at_every_door(found):
-    kinds = {"misspelt", "wrong type", "out of range", "impossible"}
-    assert found["by_kind_and_door"].keys() == kinds
-    for kind, doors in found["by_kind_and_door"].items():
-        assert doors.keys() >= set(wrong_doors.SETTING_DOORS), kind
-        assert all(door["made"] for door in doors.values())
+def slips(name):
+    """Misspelt names: a letter less, two letters swapped, another separator, no section."""
+    owner, _, leaf = name.rpartition(".")
+    middle = len(leaf) // 2
+    swapped = leaf[: middle - 1] + leaf[middle] + leaf[middle - 1] + leaf[middle + 1 :]
+    spelt = {f"{owner}.{leaf[:middle] + leaf[middle + 1 :]}", f"{owner}.{swapped}", name.upper()}
+    return sorted((spelt | {name.replace(".", "/"), f"{owner}.{leaf}s"}) - set(FIELDS))
 
 
-def test_a_process_of_its_own_leaves_nothing(mistakes):
-    programs = [mistake for mistake in mistakes if mistake.door in wrong_doors.COMMANDS]
-    assert wrong_settings.fresh(random.Random(SEED).sample(programs, 2)) == []
+def by_command(words):
+    """The refusal of a command line, in this process."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main([str(word) for word in words])
+    said = err.getvalue().removeprefix("lanewise: error: ")
+    return said if code == 2 and said != err.getvalue() and not out.getvalue() else "let in"
 
 
-def test_the_campaign_sees_what_is_let_in():
-    right = {"scenario.lanes": 4}
-    doors = ("compose", "gymnasium.make", "lanewise.train", "command line")
-    given = (right, right, right, [*wrong_doors.TRAIN, "--scenario.lanes", "4"])
-    let_in = [Mistake("out of range", "none", *each) for each in zip(doors, given, strict=True)]
-    figures = wrong_settings.figures(let_in, wrong_settings.run(let_in))
-    assert figures["refused"] == 0
-    assert len(figures["let_in"]) == len(let_in)
+def by_python(call, *arguments, **named):
+    try:
+        with contextlib.redirect_stderr(io.StringIO()):
+            call(*arguments, **named)
+    except LanewiseError as error:
+        return str(error)
+    return "let in"
 
 
-@pytest.mark.parametrize(
-    ("given", "wrong"),
-    [
-        (["train", "hierarchical", "--out", "new"], "left behind: ['new']"),
-        (["train"], "imported ['jax']"),
-        (["watch"], "ZeroDivisionError instead of an error for people"),
-        (["sweep"], "a message of more than two lines, or too long ones"),
-    ],
-)
-def test_the_campaign_sees_what_begins(monkeypatch, given, wrong):
-    """Commands that refuse, but not as they should."""
-
-    def refuse(words):
-        if words[-1] == "new":
-            (wrong_doors.Path("new")).mkdir()
-        elif words == ["train"]:
-            monkeypatch.setitem(wrong_doors.sys.modules, "jax", object())
-        elif words == ["watch"]:
-            return 1 / 0
-        message = "x" * 300 if words == ["sweep"] else "no"
-        wrong_doors.sys.stderr.write(f"lanewise: error: {message}\n")
-        return 2
-
-    if given == ["train"]:
-        monkeypatch.delitem(wrong_doors.sys.modules, "jax", raising=False)
-    monkeypatch.setattr(wrong_doors, "main", refuse)
-    mistake = Mistake("misspelt", "", "command", given)
-    (met,) = wrong_settings.run([mistake])
-    assert met.wrong == wrong
-    assert wrong_settings.figures([mistake], [met])["let_in"][0]["wrong"] == wrong
+def command_line(name, value):
+    words = value if isinstance(value, list | tuple) else [value]
+    words = [toml(word).strip('"') for word in words]
+    return by_command([*TRAIN, "--" + name.replace("_", "-"), *(words or ["none"])])
 
 
-def test_the_campaign_sees_a_wrong_hint():
-    mistake = Mistake("misspelt", "", "compose", {}, (("scenario.lanes",),))
-    for message, right in (
-        ('unknown setting "scenario.laness"; did you mean scenario.lanes?', True),
-        ('unknown option "--scenario.laness"; did you mean --scenario.lanes?', True),
-        ('unknown setting "scenario.lanes"; did you mean scenario.lane_width?', False),
-        ('unknown setting "x"; did you mean scenario.lanes_closed?', False),
-        ('unknown setting "x"; did you mean lanes?', False),
-    ):
-        assert wrong_settings.hinted(mistake, message) is right, message
-    both = replace(mistake, kind="impossible", hint=(("a.b", "a.c"), ("10",)))
-    assert wrong_settings.hinted(both, "a.c must be at most 10, got 11")
-    assert not wrong_settings.hinted(both, "a.c must be at most 100")
-    assert not wrong_settings.hinted(both, "a.b.c must be at most 10")
-    figures = wrong_settings.figures([both], [Met(True, "something is wrong")])
-    assert figures["hint_rate"] == 0
-    assert len(figures["without_the_right_hint"]) == 1
+def file(name, value):
+    owner, _, leaf = name.rpartition(".")
+    quoted = f'"{leaf}"' if re.search("[^A-Za-z0-9_-]", leaf) else leaf
+    with open("wrong.toml", "w") as opened:
+        opened.write(f"[{owner}]\n{quoted} = {toml(value)}\n" if owner else f'"{leaf}" = 1\n')
+    return by_command([*TRAIN, "--settings", "wrong.toml"])
+
+
+def experiment(name, value):
+    with open("wrong.toml", "w") as opened:
+        opened.write("seeds = 1\nepisodes = 1\nhighway_env_episodes = 0\n[arms.one]\n")
+        opened.write('controller = "hierarchical"\n[arms.one.settings]\n')
+        opened.write(f'"{name}" = {toml(value)}\n')
+    return by_command(["reproduce", "--out", "taken", "--experiment", "wrong.toml"])
+
+
+DOORS = {
+    "compose": lambda name, value: by_python(config.compose, flags={name: value}),
+    "lanewise.train": lambda name, value: by_python(lanewise.train, "taken", **{name: value}),
+    "gymnasium.make": lambda name, value: by_python(
+        gymnasium.make, "lanewise/Trap-v0", **{name: value}
+    ),
+    "command line": command_line,
+    "file": file,
+    "experiment": experiment,
+}
+
+
+@pytest.fixture(autouse=True)
+def nothing_left(tmp_path, monkeypatch):
+    """Work in a folder that holds one that is taken, and nothing else afterwards."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "notes.txt").write_text("mine")
+    yield
+    left = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*")}
+    assert left - {"wrong.toml"} == {"taken", "taken/notes.txt"}
+
+
+def names_of(door):
+    """The settings tried at a door: all where it is cheap, else every so many."""
+    if door == "gymnasium.make":
+        return [name for name in FIELDS if name.startswith(ENVIRONMENT)][::2]
+    return list(FIELDS)[:: 1 if door == "compose" else 7]
+
+
+def is_refused_well(message):
+    lines = message.splitlines()
+    return 1 <= len(lines) <= 2 and max(map(len, lines)) <= 250 and message != "let in"
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_wrong_values(door):
+    wrong, tried = [], 0
+    for name in names_of(door):
+        for value, hint in wrong_values(name):
+            # What a command line cannot say: a table, or one value for a list.
+            listed = FIELDS[name].length is not None
+            if door == "command line" and ("{" in toml(value) or listed != isinstance(value, list)):
+                continue
+            message = DOORS[door](name, value)
+            tried += 1
+            told = name.replace("_", "-") in message or name in message
+            if not (is_refused_well(message) and told and all(each in message for each in hint)):
+                wrong.append((name, str(value)[:40], message))
+    assert wrong == []
+    assert tried > 100
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_misspelt_names(door):
+    found = []
+    for name in names_of(door):
+        for spelt in slips(name):
+            message = DOORS[door](spelt, SETTINGS[name])
+            assert is_refused_well(message), (spelt, message)
+            owner, meant = name.rpartition(".")[0], name
+            if door == "file" and spelt.rpartition(".")[0] not in ("", owner):
+                meant = owner.split(".")[0]  # The section is what is misspelt.
+            plain = message.replace("--", "").replace("-", "_")
+            found.append(re.search(rf"(?<![\w.]){re.escape(meant)}(?![\w])", plain) is not None)
+    assert sum(found) >= 0.95 * len(found)
+    assert len(found) > 50
+
+
+def test_a_right_setting_is_let_in():
+    assert DOORS["compose"]("scenario.lanes", 4) == "let in"
+    assert "taken" in DOORS["command line"]("scenario.lanes", 4)
+
+
+def test_a_process_refuses_without_jax_and_leaves_nothing(tmp_path):
+    program = (
+        "import sys; from lanewise.cli import main; begin = ['train', 'planned', '--out', 'new']\n"
+        "codes = [main([*begin, *words.split()]) for words in sys.argv[1:]]\n"
+        "print(codes, 'jax' in sys.modules)"
+    )
+    words = (
+        "--scenario.lanes 99",
+        "--scenario.laness 3",
+        "--preset qick",
+        "--settings absent.toml",
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, *words], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "[2, 2, 2, 2] False\n"
+    assert len(done.stderr.splitlines()) == len(words)
+    assert "new" not in os.listdir(tmp_path)

@@ -51,8 +51,7 @@ def updated(threads):
     ).stdout
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("threads", [2, 8])
+@pytest.mark.parametrize("threads", [pytest.param(2, marks=pytest.mark.slow), 8])
 def test_updates_do_not_depend_on_the_number_of_threads(threads, alone):
     assert updated(threads) == alone
 

@@ -142,7 +142,6 @@ def test_absent_lanes_change_nothing_to_the_last_bit(seed):
 @pytest.mark.slow
 def test_absent_traffic_is_not_there():
     """Fewer vehicles than the arrays hold: absent ones neither move, nor are seen, nor matter."""
-    key = trap.start_key(0, "test", 0)
     chosen = jnp.full(50, 4)
     start = numbers(vehicles_ahead=0, vehicles_behind=0, ego_speed=9.0, trap_speed=9.0)
     empty, along = drive(BUSY, start, 0, 3, chosen)
@@ -152,8 +151,12 @@ def test_absent_traffic_is_not_there():
     np.testing.assert_array_equal(along[1], theirs[1])
     np.testing.assert_array_equal(along[0].x[:, :3], theirs[0].x)
     np.testing.assert_array_equal(empty.road.start, alone.road.start)
-    some = PLACE(BUSY, numbers(vehicles_ahead=2, vehicles_behind=1), key, 3)
-    assert some.vehicles.present.tolist() == [True] * 5 + [False] * 7 + [True, False, False]
+
+
+def test_as_much_traffic_as_the_start_has():
+    start = numbers(vehicles_ahead=2, vehicles_behind=1)
+    world = PLACE(BUSY, start, trap.start_key(0, "test", 0), 5)
+    assert world.vehicles.present.tolist() == [True] * 5 + [False] * 7 + [True, False, False]
 
 
 def test_sample_places_what_it_draws():

@@ -20,8 +20,6 @@ class Reference:
         self.first = [[np.zeros_like(array) for array in layer] for layer in self.online]
         self.second = [[np.zeros_like(array) for array in layer] for layer in self.online]
         self.losses = []
-        self.margins = []
-        """By update, how far the best next action is ahead of the second best, at least."""
 
     def update(self, batch):
         """One step on a batch of transitions."""
@@ -30,7 +28,6 @@ class Reference:
         next_target = forward(self.target, batch.next_features)[-1]
         chooser = forward(self.online, batch.next_features)[-1] if chosen else next_target
         y = batch.reward + batch.discount * next_target[rows, chooser.argmax(axis=1)]
-        self.margins.append(_margin(chooser))
         activations = forward(self.online, batch.features)
         error = activations[-1][rows, batch.action] - y
         self.losses.append(np.mean(error**2))
@@ -81,9 +78,3 @@ def forward(layers, x):
             x = np.where(x > 0, x, 0.0)
         activations.append(x)
     return activations
-
-
-def _margin(values):
-    """The smallest lead of a best value over the second best of its row."""
-    best = np.sort(values, axis=1)[:, -2:]
-    return float((best[:, 1] - best[:, 0]).min())

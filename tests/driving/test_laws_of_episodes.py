@@ -1,0 +1,99 @@
+"""The laws of whole episodes in docs/numerics.md: the trap, 50 random decisions, in float32."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from lanewise.driving import accidents, episode
+from lanewise.driving.settings import DrivingSettings
+from lanewise.scenario import trap
+from lanewise.scenario.settings import TrapSettings
+
+TRAP, DRIVING = TrapSettings(training_ego_speed=(8.0, 14.0)), DrivingSettings()
+DECISIONS, COUNT = 50, 768
+"""Of 768 worlds of 12 vehicles a CPU takes a block at a time."""
+
+pytestmark = pytest.mark.slow
+
+
+@jax.jit
+def starts(indices):
+    """Worlds at the start."""
+
+    def one(index):
+        return trap.sample(TRAP, trap.start_key(5, "training", index), "training")
+
+    return jax.vmap(one)(indices)
+
+
+@jax.jit
+def drive(worlds, actions):
+    """(episode after, outcome, episode before) of every decision; actions int32 [D, W]."""
+
+    def decide(states, chosen):
+        step = jax.vmap(lambda state, action: episode.step(DRIVING, state, action, DECISIONS))
+        after, outcome = step(states, chosen)
+        return after, (after, outcome, states)
+
+    return jax.lax.scan(decide, jax.vmap(episode.begin)(worlds), actions)[1]
+
+
+@pytest.fixture(scope="module")
+def actions():
+    """Mostly idle, so that some episodes go on to their end."""
+    rng = np.random.default_rng(2)
+    wild = rng.random((DECISIONS, COUNT)) < rng.choice([0.05, 0.3, 1.0], COUNT)
+    return jnp.asarray(np.where(wild, rng.integers(0, 9, wild.shape), 4), jnp.int32)
+
+
+def test_success_stays_and_one_ending_ends_an_episode(actions):
+    worlds = starts(jnp.arange(COUNT))
+    # Every other ego is in the rightmost lane, where it passes the trap with ease.
+    right = jnp.where(jnp.arange(COUNT) % 2 == 0, worlds.road.centre[:, -1], 0.0)
+    vehicles = replace(worlds.vehicles, y=worlds.vehicles.y.at[:, 0].set(right))
+    found = jax.tree.map(np.array, drive(replace(worlds, vehicles=vehicles), actions))
+    after, outcome, before = found
+    ended = (outcome.terminated | outcome.truncated).cumsum(axis=0)
+    # What comes after an ending is no part of the episode.
+    after, outcome, before = jax.tree.map(
+        lambda leaf: leaf[np.concatenate([np.zeros((1, COUNT)), ended[:-1]]) == 0], found
+    )
+    gained = after.escaped & ~before.escaped
+    assert gained.any()
+    assert outcome.terminated.any()
+    assert outcome.truncated.any()
+    assert (after.escaped | ~before.escaped).all()
+    assert not (gained & outcome.terminated).any()
+    np.testing.assert_array_equal(after.decisions, before.decisions + 1)
+    np.testing.assert_array_equal(outcome.terminated, outcome.accident != accidents.NONE)
+    last = after.decisions == DECISIONS
+    np.testing.assert_array_equal(outcome.truncated, last & ~outcome.terminated)
+    penalty = outcome.reward == -DRIVING.reward.accident_penalty
+    np.testing.assert_array_equal(penalty, outcome.terminated)
+    assert ((outcome.reward <= 1 + 1e-6) & (outcome.reward >= -0.01))[~penalty].all()
+    then, now = before.world.vehicles, after.world.vehicles
+    assert (now.crashed | ~then.crashed).all()
+    # A push before a crash does not change a speed, so that only the crashed may brake.
+    kept = (now.speed == then.speed) | now.crashed
+    assert kept[:, 1:3].all(), "trap cars keep their speed"
+
+
+@pytest.mark.parametrize("size", [1, 12, 96])
+def test_episodes_are_the_same_in_batches_of_any_size(actions, size):
+    def driven(indices):
+        worlds = starts(indices)
+        return jax.tree.map(
+            np.array, (worlds, drive(worlds, actions[:, indices])[0].world.vehicles)
+        )
+
+    whole, some = driven(jnp.arange(COUNT)), slice(size, 2 * size)
+    part = driven(jnp.arange(COUNT)[some])
+    expected = (
+        jax.tree.map(lambda leaf: leaf[some], whole[0]),
+        jax.tree.map(lambda leaf: leaf[:, some], whole[1]),
+    )
+    for mine, its in zip(jax.tree.leaves(part), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_array_equal(mine, its)

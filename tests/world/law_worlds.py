@@ -1,0 +1,150 @@
+"""Small worlds that Hypothesis makes for the laws, and one tick of them. All in float64 NumPy."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import hypothesis
+import jax
+import numpy as np
+from hypothesis import strategies as st
+
+from lanewise.world import tick
+from lanewise.world.state import World
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from parity_states import LANES_MAX, fit, random_drivers, random_road, random_vehicles
+
+TICK = 0.1
+"""Length of a tick, s."""
+SIZE = 6
+"""Places for vehicles: one shape, so that one compilation serves all laws."""
+NUMBERS = ("x", "y", "heading", "speed", "slip_sine", "acceleration", "timer")
+PUSHES = ("impact_x", "impact_y")
+DECISIONS = ("target_lane", "crashed", "impacted")
+ALL = NUMBERS + PUSHES + DECISIONS
+
+rows = st.tuples(
+    st.integers(0, LANES_MAX - 1),
+    st.integers(0, 12).map(lambda step: 5.0 * step) | st.floats(-20, 220),
+    st.sampled_from([0.0, 0.0, 2.0, -2.0, 3.0]) | st.floats(-3.5, 3.5),
+    st.just(0.0) | st.floats(-0.5, 0.5) | st.sampled_from([3.0, -7.0]),
+    st.sampled_from([0.0, 0.5, 1.0, 10.0, 12.5, 41.0, -3.0]) | st.floats(-5, 42),
+    st.integers(0, LANES_MAX - 1),
+    st.sampled_from([0.0, 0.5, 1.0, 1.5]),
+    st.booleans(),
+)
+"""Lane, x, distance from the lane's centre, heading, speed, target lane, timer, crashed."""
+
+
+@st.composite
+def worlds(draw):
+    """A world of 1 to `SIZE` vehicles: road and drivers from a seed, vehicles drawn one by one.
+
+    Every other world has the random vehicles of the parity tests instead.
+    """
+    rng = np.random.default_rng(draw(st.integers(0, 10_000)))
+    road = random_road(rng)
+    if draw(st.booleans()):
+        count = draw(st.integers(2, SIZE))
+        return fit(World(road, random_drivers(rng, count), random_vehicles(rng, road, count)), SIZE)
+    drawn = draw(st.lists(rows, min_size=1, max_size=SIZE))
+    lane, x, aside, heading, speed, target, timer, crashed = map(np.array, zip(*drawn, strict=True))
+    lanes = int(road.present.sum())
+    vehicles = replace(
+        random_vehicles(rng, road, len(drawn)),
+        x=x,
+        y=road.centre[lane % lanes] + aside,
+        heading=heading,
+        speed=speed,
+        target_lane=(target % lanes).astype(np.int32),
+        timer=timer,
+        crashed=crashed & (rng.random(len(drawn)) < 0.3),
+    )
+    return fit(World(road, random_drivers(rng, len(drawn)), vehicles), SIZE)
+
+
+_tick = jax.jit(tick.tick)
+
+
+def after(world, duration=TICK):
+    """The vehicles a tick later."""
+    with jax.enable_x64(True):
+        return jax.tree.map(np.array, _tick(world, duration).vehicles)
+
+
+def change(world, part="vehicles", **values):
+    """The world with other values in one of its parts."""
+    old = getattr(world, part)
+    values = {name: np.asarray(v, getattr(old, name).dtype) for name, v in values.items()}
+    values = {name: np.broadcast_to(v, getattr(old, name).shape) for name, v in values.items()}
+    return replace(world, **{part: replace(old, **values)})
+
+
+def shifted(world, along):
+    """The world further along the road."""
+    road = world.road
+    world = change(world, x=world.vehicles.x + along)
+    return change(world, "road", start=road.start + along, end=road.end + along)
+
+
+def mirrored_vehicles(vehicles, lanes):
+    """Vehicles with left and right exchanged, on a road of so many lanes."""
+    flipped = {name: -getattr(vehicles, name) for name in ("y", "heading", "slip_sine", "impact_y")}
+    target = (lanes - 1 - vehicles.target_lane).astype(np.int32)
+    return replace(vehicles, target_lane=target, **flipped)
+
+
+def mirrored(world):
+    """The world with left and right exchanged: y to -y, lanes in reverse order."""
+    lanes = int(world.road.present.sum())
+    order = np.arange(len(world.road.present))
+    order[:lanes] = order[:lanes][::-1]
+    road = taken(world.road, order)
+    road = replace(road, centre=-road.centre)
+    return World(road, world.drivers, mirrored_vehicles(world.vehicles, lanes))
+
+
+def taken(part, order):
+    """Drivers, vehicles or lanes in another order."""
+    return jax.tree.map(lambda values: values[order], part)
+
+
+def reordered(world, order):
+    """The world with its vehicles in another order."""
+    return World(world.road, taken(world.drivers, order), taken(world.vehicles, order))
+
+
+def lane_distances(world):
+    """Distance of every vehicle from every lane, m; infinite from lanes that are absent."""
+    road, x, y = world.road, world.vehicles.x[:, None], world.vehicles.y[:, None]
+    beyond = np.maximum(x - road.end, 0) + np.maximum(road.start - x, 0)
+    return np.where(road.present, np.abs(y - road.centre) + beyond, np.inf)
+
+
+def assert_same(first, second, where, names=ALL, **allowed):
+    """Vehicles of two worlds are the same, to the bit but for what is allowed by name."""
+    for name in names:
+        ours, theirs = getattr(first, name)[where], getattr(second, name)[where]
+        bound = allowed.get(name, 0.0)
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=bound, err_msg=name)
+
+
+def profile(examples):
+    """Hypothesis's settings: the same examples in every run."""
+    filters = [hypothesis.HealthCheck.filter_too_much, hypothesis.HealthCheck.too_slow]
+    return hypothesis.settings(
+        derandomize=True, deadline=None, database=None, max_examples=examples,
+        suppress_health_check=filters,
+    )  # fmt: skip
+
+
+def check(law, examples):
+    """Hold a law, a function of a world and a random generator, against many worlds."""
+
+    @profile(examples)
+    @hypothesis.given(world=worlds(), seed=st.integers(0, 2**32 - 1))
+    def holds(world, seed):
+        law(world, np.random.default_rng(seed))
+
+    holds()
