@@ -14,7 +14,7 @@ from PIL import Image
 from lanewise.cli import main
 from lanewise.commands import sweep
 from lanewise.errors import LanewiseError
-from lanewise.evaluation import drive
+from lanewise.evaluation import evaluator
 from lanewise.evaluation import sweep as drives
 from lanewise.evaluation.grid import CAUSES, Outcome, Reach
 from lanewise.report import files
@@ -46,7 +46,7 @@ def run(tmp_path_factory):
     path = tmp_path_factory.mktemp("commands") / "run"
     words = [word for name, value in FLAGS.items() for word in option(name, value)]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(drive, "BLOCK", 4)
+        patch.setattr(evaluator, "BLOCK", 4)
         assert main(["train", "hierarchical", "--out", str(path), "--seed", "2", *words]) == 0
         yield path
 
@@ -162,7 +162,7 @@ def test_sweep_writes_a_map_and_continues_an_interrupted_one(run, tmp_path, caps
     assert "is complete: see" in capsys.readouterr().err
 
     cut = tmp_path / "cut"
-    real, calls = drive.drive_block, []
+    real, calls = evaluator.drive_block, []
 
     def interrupted(*arguments):
         calls.append(1)
@@ -171,7 +171,7 @@ def test_sweep_writes_a_map_and_continues_an_interrupted_one(run, tmp_path, caps
         return real(*arguments)
 
     with monkeypatch.context() as patch:
-        patch.setattr(drive, "drive_block", interrupted)
+        patch.setattr(evaluator, "drive_block", interrupted)
         assert main(sweep_words(run, cut)) == 130
     assert "the same command continues it" in capsys.readouterr().err
     journal = cut / "progress.jsonl"

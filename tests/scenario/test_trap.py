@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from lanewise.evaluation.drive import TestCourse as Course
+from lanewise.evaluation.drive import start
 
 from lanewise.driving import accidents, actions, episode
 from lanewise.driving.settings import DrivingSettings
-from lanewise.evaluation.drive import TestCourse as Course
-from lanewise.evaluation.drive import start
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
 from lanewise.world import build, road
@@ -137,7 +137,7 @@ def test_trap_cars_keep_their_speed_and_lane_all_episode_long():
     first = np.asarray(state.world.vehicles.x[1:3])
     # The ego drives on at the trap's own speed, so that nobody is hit.
     for decision in range(1, 51):
-        state, _ = step(state, jnp.int32(actions.IDLE), 50)
+        state = step(state, jnp.int32(actions.IDLE), 50)
         vehicles = state.world.vehicles
         assert vehicles.speed[1:3].tolist() == [10.0, 10.0]
         assert vehicles.y[1:3].tolist() == [0.0, 4.0]

@@ -10,7 +10,7 @@ import jax
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.parts import Parts, named
 from lanewise.errors import SettingsError
-from lanewise.evaluation import drive
+from lanewise.evaluation import evaluator
 from lanewise.scenario.trap import SPLITS
 from lanewise.training import recipe, stage
 from lanewise.training.recipe import RecipeSettings
@@ -52,6 +52,6 @@ def _learnt(
     state = jax.eval_shape(partial(stage.begin, course), frozen, key)
     learnt = stage.online(state.learners)
     jax.eval_shape(partial(stage.advance, course), frozen, state)
-    worlds = jax.eval_shape(partial(drive.start_block, validation, 0, 0))
-    jax.eval_shape(partial(drive.drive_block, validation), frozen | learnt, worlds)
+    worlds = jax.eval_shape(partial(evaluator.start_block, validation, 0, 0))
+    jax.eval_shape(partial(evaluator.drive_block, validation), frozen | learnt, worlds)
     return learnt
