@@ -17,7 +17,7 @@ import jax
 import numpy as np
 
 from lanewise import config
-from lanewise.evaluation import drive, metrics
+from lanewise.evaluation import evaluator, metrics
 from lanewise.report.provenance import machine, source, versions
 from lanewise.runs import checkpoint, tree
 from lanewise.runs.folder import RunFolder
@@ -61,7 +61,7 @@ def main() -> None:
     parameters = host.result(plan, now)
     if options.keep:
         checkpoint.save(options.keep, stage.name, tree.flatten(parameters), {}, "search")
-    episodes = drive.test(plan.validation, frozen | parameters, UNSEEN_SEED, EPISODES)
+    episodes = evaluator.evaluate(plan.validation, frozen | parameters, UNSEEN_SEED, EPISODES)
     row = {
         "stage": stage.name,
         "seed": options.seed,

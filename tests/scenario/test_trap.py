@@ -7,8 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from lanewise.evaluation.drive import TestCourse as Course
-from lanewise.evaluation.drive import start
+from lanewise.evaluation.evaluator import EvaluationConfig, start
 
 from lanewise.driving import accidents, actions, episode
 from lanewise.driving.settings import DrivingSettings
@@ -48,7 +47,7 @@ def same(a, b):
 )
 def test_a_start_is_the_same_alone_and_in_any_batch(split):
     many = starts(split, 102)
-    course = Course(SETTINGS, DrivingSettings(), None, 50, split)
+    course = EvaluationConfig(SETTINGS, DrivingSettings(), None, 50, split)
     # The last is of the second block.
     for index in (0, 1, 101):
         alone = sample(7, split, index)
