@@ -20,7 +20,7 @@ import record
 import small_runs
 from small_runs import STAGES_OF, Quiet
 
-from lanewise.runs import checkpoint
+from lanewise.runs import checkpoint, training_loop
 from lanewise.runs.run_folder import RunFolder
 from lanewise.system.progress import Progress
 
@@ -75,9 +75,8 @@ def lose(path, way, rng):
 
 
 def load(folder, name):
-    """A checkpoint, whatever its numbers are."""
-    every = type("Every", (), {"__contains__": lambda self, name: True})()
-    return checkpoint.load(folder, name, nonfinite=every)
+    """A checkpoint."""
+    return checkpoint.load(folder, name)
 
 
 def where(folder):
@@ -90,7 +89,7 @@ def where(folder):
     ages = [found.tree.get(memory + name, np.zeros(1)) for name in ("goal/age", "age")]
     return {
         "continues_from": found.name,
-        "inside_an_episode": bool((found.tree["state/rollouts/episode/decisions"] > 0).any()),
+        "inside_an_episode": bool((found.tree["state/rollouts/episode/stats/decisions"] > 0).any()),
         "inside_a_goal": any(bool((age > 0).any()) for age in ages),
         "epsilon_is_falling": found.meta["ledger"]["chunks"] < EPSILON_CHUNKS,
     }

@@ -15,14 +15,14 @@ from lanewise.controllers.registry import TRAINABLE, WITH_STEP_1
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.parts import OURS, Parts, checked
 from lanewise.envs import functional, keywords
-from lanewise.envs.control import Goals
+from lanewise.envs.control import Continuous, Goals
 from lanewise.errors import LanewiseError, RunError, brief
-from lanewise.evaluation import metrics, outside, policies
-from lanewise.evaluation.drive import TestCourse
+from lanewise.evaluation import external_policy, metrics, stepwise
 from lanewise.evaluation.episodes import Episodes, Recording
+from lanewise.evaluation.evaluator import EvaluationConfig
 from lanewise.evaluation.metrics import Summary
-from lanewise.evaluation.outside import OutsideCourse
 from lanewise.evaluation.settings import WORLDS, EvaluationSettings
+from lanewise.evaluation.stepwise import External, Lanewise, Simulator
 from lanewise.experiments import evaluate_trained, published
 from lanewise.fields.ranges import EPISODES, SEEDS, FieldType
 from lanewise.fields.suggestions import look_up
@@ -273,16 +273,21 @@ def evaluate(
     name = "policy" if name is None else TEXT.check("name", name)
     if batched is not None:
         SWITCH.check("batched", batched)
-    course = _course("low-level" if actions is None else actions, settings)
-    decide = policies.decider(policy, batched, course.choices, deterministic)
-    driver: Any = interop.twin_of_policies() if world == "highway-env" else outside
+    course, choices = _course("low-level" if actions is None else actions, settings)
+    decide = external_policy.decider(policy, batched, choices, deterministic)
+    chooser = External(decide)
+    simulator: Simulator = Lanewise()
+    if world == "highway-env":
+        simulator = interop.evaluation_in_highway_env().HighwayEnv()
     with Progress(quiet=quiet) as reporter:
         reporter.stage(name, episodes)
-        found = driver.test(course, decide, seed, episodes, reporter.update)
+        found = stepwise.evaluate(course, chooser, simulator, seed, episodes, reporter.update)
     return Evaluation(
         episodes=found,
-        summary=_summary(found, name, world, course.test),
-        _record=lambda index: replace(driver.record(course, decide, seed, index), controller=name),
+        summary=_summary(found, name, world, course),
+        _record=lambda index: replace(
+            stepwise.record(course, chooser, simulator, seed, index), controller=name
+        ),
     )
 
 
@@ -305,15 +310,18 @@ def _ours(
         made = "; ".join(controller.parts.names()) or "no parts of the user's own"
         raise RunError(f"parts: {controller.name} was made with {made}; give no others")
     with Progress(quiet=quiet) as reporter:
+        config = evaluate_trained.evaluation_config(controller)
         found = evaluate_trained.evaluate(controller, world, episodes, seed, reporter)
     return Evaluation(
         episodes=found,
-        summary=_summary(found, controller.name, world, evaluate_trained.test_course(controller)),
+        summary=_summary(
+            found, controller.name, world, evaluate_trained.evaluation_config(controller)
+        ),
         _record=partial(evaluate_trained.record, controller, world, seed),
     )
 
 
-def _summary(found: Episodes, name: str, world: str, course: TestCourse) -> Summary:
+def _summary(found: Episodes, name: str, world: str, course: EvaluationConfig) -> Summary:
     """The metrics of a test, which knows whether it is the paper's."""
     seconds: Any = course.duration / course.driving.decision_frequency
     settings = replace(
@@ -326,10 +334,11 @@ def _summary(found: Episodes, name: str, world: str, course: TestCourse) -> Summ
     return metrics.summarise(found, controller=name, world=world, unlike_paper=unlike)
 
 
-def _course(actions: str, settings: dict[str, Any]) -> OutsideCourse:
-    """The test with these settings and the controller that takes the choices.
+def _course(actions: str, settings: dict[str, Any]) -> tuple[EvaluationConfig, int]:
+    """(the test with these settings and the controller that takes the choices, their number).
 
-    The policy's name stays out of it: the course is static, another name would be compiled anew.
+    The number is 0 for continuous actions. The policy's name stays out of it: the test is static,
+    another name would be compiled anew.
     """
     given: dict[str, Any] = {"split": "test"} | settings
     task = functional.make(actions, **given)
@@ -339,7 +348,8 @@ def _course(actions: str, settings: dict[str, Any]) -> OutsideCourse:
         controller = Planned(
             rules.driving, task.control.goals, task.control.planner, renewal="critic"
         )
-    test = TestCourse(
+    (level,) = controller.levels
+    config = EvaluationConfig(
         task.scenario, rules.driving, controller, rules.duration, task.split, parts=rules.parts
     )
-    return OutsideCourse(test, actions)
+    return config, 0 if isinstance(task.control, Continuous) else level.choice_count

@@ -14,7 +14,7 @@ import lanewise
 from lanewise import config
 from lanewise.cli.main import main
 from lanewise.errors import LanewiseError
-from lanewise.evaluation import drive
+from lanewise.evaluation import evaluator
 from lanewise.report import output_files
 from lanewise.runs import run_state
 from lanewise.runs.run_folder import RunFolder
@@ -55,7 +55,7 @@ def runs(tmp_path_factory):
     """Finished runs by name, in the folder the test runs in."""
     folder = tmp_path_factory.mktemp("compare")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(drive, "BLOCK", 4)
+        patch.setattr(evaluator, "BLOCK", 4)
         patch.chdir(folder)
         for name, changes in RUNS.items():
             make_run(name, changes)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lanewise.cli.main import main
-from lanewise.evaluation import drive
+from lanewise.evaluation import evaluator
 from lanewise.export import check, numpy_policy
 from lanewise.export.check import Agreement
 
@@ -22,7 +22,7 @@ def refusal(capsys, *words):
 
 
 def test_the_written_file_is_compared_with_the_controller(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(drive, "BLOCK", 4)
+    monkeypatch.setattr(evaluator, "BLOCK", 4)
     for ending in ("npz", "onnx"):
         out = tmp_path / f"policy.{ending}"
         assert main(["export", FLAT, "--out", str(out), "--check", "150", "--json"]) == 0

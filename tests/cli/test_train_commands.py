@@ -15,7 +15,7 @@ from lanewise.cli import sweep_command as sweep
 from lanewise.cli.main import main
 from lanewise.config.settings import Settings
 from lanewise.errors import LanewiseError
-from lanewise.evaluation import drive
+from lanewise.evaluation import evaluator
 from lanewise.evaluation import sweep as drives
 from lanewise.evaluation.grid import CAUSES, Outcome, Reach
 from lanewise.report import output_files
@@ -45,7 +45,7 @@ def run(tmp_path_factory):
     path = tmp_path_factory.mktemp("commands") / "run"
     words = [word for name, value in FLAGS.items() for word in option(name, value)]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(drive, "BLOCK", 4)
+        patch.setattr(evaluator, "BLOCK", 4)
         assert main(["train", "hierarchical", "--out", str(path), "--seed", "2", *words]) == 0
         yield path
 
@@ -161,7 +161,7 @@ def test_sweep_writes_a_map_and_continues_an_interrupted_one(run, tmp_path, caps
     assert "is complete: see" in capsys.readouterr().err
 
     cut = tmp_path / "cut"
-    real, calls = drive.drive_block, []
+    real, calls = evaluator.drive_block, []
 
     def interrupted(*arguments):
         calls.append(1)
@@ -170,7 +170,7 @@ def test_sweep_writes_a_map_and_continues_an_interrupted_one(run, tmp_path, caps
         return real(*arguments)
 
     with monkeypatch.context() as patch:
-        patch.setattr(drive, "drive_block", interrupted)
+        patch.setattr(evaluator, "drive_block", interrupted)
         assert main(sweep_words(run, cut)) == 130
     assert "the same command continues it" in capsys.readouterr().err
     journal = cut / "progress.jsonl"

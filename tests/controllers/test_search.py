@@ -14,8 +14,8 @@ from lanewise.controllers.search import Search
 from lanewise.controllers.settings import SearchSettings
 from lanewise.driving import episode, percept
 from lanewise.driving.settings import DrivingSettings
-from lanewise.evaluation import drive
-from lanewise.evaluation.drive import TestCourse as Course
+from lanewise.evaluation import evaluator
+from lanewise.evaluation.evaluator import EvaluationConfig
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
 
@@ -28,8 +28,8 @@ def replayed(decisions, world, sequence):
     """(sum of rewards, whether there was an accident) of a sequence of actions."""
 
     def one(state, action):
-        state, outcome = episode.step(DRIVING, state, action, 100)
-        return state, (outcome.reward, outcome.terminated)
+        state = episode.step(DRIVING, state, action, 100)
+        return state, (state.outcome.reward, state.outcome.terminated)
 
     rewards, ended = jax.lax.scan(one, episode.begin(world), sequence)[1]
     return jnp.sum(rewards), jnp.any(ended)
@@ -54,22 +54,19 @@ def test_three_decisions_against_all_729_sequences():
 
 @pytest.mark.slow
 def test_what_was_planned_is_what_happens(monkeypatch):
-    monkeypatch.setattr(drive, "BLOCK", 2)
+    monkeypatch.setattr(evaluator, "BLOCK", 2)
     settings = Search(DRIVING, SearchSettings(per_class=1), 12)
-    course = Course(EMPTY, DRIVING, settings, 12, at_once=1)
-    outcome = drive.test(course, {}, 0, 2)
-    world = drive.start(course, 0, 1)
-    rewards, _ = (
-        jax.lax.scan(
-            lambda state, action: episode.step(DRIVING, state, action, 100),
-            episode.begin(world),
-            jax.jit(search.plan, static_argnums=0)(settings, world),
-        )[1],
-        None,
-    )
+    course = EvaluationConfig(EMPTY, DRIVING, settings, 12, at_once=1)
+    outcome = evaluator.evaluate(course, {}, 0, 2)
+    world = evaluator.start(course, 0, 1)
+    states = jax.lax.scan(
+        lambda state, action: (episode.step(DRIVING, state, action, 100),) * 2,
+        episode.begin(world),
+        jax.jit(search.plan, static_argnums=0)(settings, world),
+    )[1]
     # One reward a second is every second decision's.
     assert outcome.accumulated_reward[1] == pytest.approx(
-        float(np.sum(np.asarray(rewards.reward)[1::2])), rel=1e-5
+        float(np.sum(np.asarray(states.outcome.reward)[1::2])), rel=1e-5
     )
 
 

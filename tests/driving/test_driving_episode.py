@@ -13,7 +13,7 @@ from lanewise.world.state import RULE_BASED
 from lanewise.world.steering import slip_sine
 
 DRIVING = DrivingSettings()
-JUDGE = jax.jit(partial(episode.judge, DRIVING), static_argnums=3)
+EVALUATE = jax.jit(partial(episode.evaluate_step, DRIVING), static_argnums=3)
 STEP = jax.jit(partial(episode.step, DRIVING), static_argnums=2)
 
 
@@ -23,14 +23,15 @@ def trap_world(ego_x, ego_y=8.0, ego_speed=15.0):
 
 
 def step(state, action=actions.IDLE, duration=50):
-    return STEP(state, jnp.int32(action), duration)
+    after = STEP(state, jnp.int32(action), duration)
+    return after, after.outcome
 
 
 def test_truncation_comes_with_the_last_decision_and_not_before():
     state = episode.begin(trap_world(0.0))
     for decision in range(1, 5):
         state, outcome = step(state, duration=4)
-        assert int(state.decisions) == decision
+        assert int(state.stats.decisions) == decision
         assert bool(outcome.truncated) == (decision == 4)
         assert not outcome.terminated
 
@@ -78,7 +79,7 @@ def test_what_a_rule_based_ego_steers_costs():
     for kinds, steered in ((world.drivers.kind, 0.0), (kind, 0.3)):
         drivers = replace(world.drivers, kind=kinds)
         after = replace(world, drivers=drivers, vehicles=replace(world.vehicles, slip_sine=slip))
-        _, outcome = JUDGE(episode.begin(after), after, jnp.float32(0.0), 50)
+        outcome = EVALUATE(episode.begin(after), after, jnp.float32(0.0), 50).outcome
         expected = (1.5 * 0.2 + 0.05 - 0.05 * sin(steered)) / 1.6
         assert float(outcome.reward) == pytest.approx(expected, abs=1e-5)
 
@@ -87,23 +88,24 @@ def test_what_a_rule_based_ego_steers_costs():
 def test_escape_needs_the_rear_bumper_past_the_front_of_the_foremost_trap_car(ego_x, escaped):
     """Both are 5 m long, so the centres must be more than 5 m apart."""
     before = episode.begin(trap_world(ego_x))
-    after, _ = JUDGE(before, before.world, jnp.float32(0.0), 50)
-    assert bool(after.escaped) == escaped
+    after = EVALUATE(before, before.world, jnp.float32(0.0), 50)
+    assert bool(after.stats.escaped) == escaped
 
 
 def test_escape_stays_true_when_the_trap_cars_catch_up():
-    passed = replace(episode.begin(trap_world(0.0)), escaped=jnp.bool_(True))
+    begun = episode.begin(trap_world(0.0))
+    passed = replace(begun, stats=replace(begun.stats, escape_decision=jnp.int32(1)))
     after, _ = step(passed)
-    assert after.escaped
+    assert after.stats.escaped
 
 
 def test_an_escape_in_the_decision_of_an_accident_does_not_count():
     before = episode.begin(trap_world(120.0))
     wreck = before.world
     vehicles = replace(wreck.vehicles, crashed=wreck.vehicles.crashed.at[0].set(True))
-    after, outcome = JUDGE(before, replace(wreck, vehicles=vehicles), jnp.float32(0.0), 50)
-    assert outcome.terminated
-    assert not after.escaped
+    after = EVALUATE(before, replace(wreck, vehicles=vehicles), jnp.float32(0.0), 50)
+    assert after.outcome.terminated
+    assert not after.stats.escaped
 
 
 @pytest.mark.parametrize(
@@ -130,12 +132,35 @@ def test_seconds_are_simulated_ones_rounded_up_to_decisions(
 @pytest.mark.parametrize("frequencies", [(10, 2), (15, 2), (30, 16), (10, 1)])
 def test_one_reward_counts_in_each_simulated_second(frequencies):
     driving = DrivingSettings(*frequencies)
-    state, outcome = STEP(episode.begin(trap_world(0.0)), jnp.int32(actions.IDLE), 50)
-    ends = [
-        number
-        for number in range(1, driving.decisions_in(25) + 1)
-        if episode.ends_timestep(driving, replace(state, decisions=jnp.int32(number)), outcome)
-    ]
+    state = episode.begin(trap_world(0.0))
+    evaluate = jax.jit(partial(episode.evaluate_step, driving), static_argnums=3)
+    ends = []
+    for number in range(1, driving.decisions_in(25) + 1):
+        stats = replace(state.stats, decisions=jnp.int32(number - 1))
+        after = evaluate(replace(state, stats=stats), state.world, jnp.float32(0.0), 999)
+        if after.stats.timestep_reward != 0.0:
+            assert after.stats.timestep_reward == after.outcome.reward
+            ends.append(number)
     times = [number * driving.decision_duration for number in ends]
     assert [int(time + 1e-9) for time in times] == list(range(1, 26))
     assert all(time % 1.0 < driving.decision_duration - 1e-9 for time in times)
+
+
+def test_an_escape_counts_from_its_first_decision_and_an_accident_takes_success_away():
+    """0.5 s decisions behind nobody: the reward of every second decision counts."""
+    state = episode.begin(trap_world(106.0, ego_speed=10.0))
+    rewards, speeds = [], []
+    for decision in range(1, 5):
+        world = state.world
+        if decision == 4:
+            crashed = world.vehicles.crashed.at[0].set(True)
+            world = replace(world, vehicles=replace(world.vehicles, crashed=crashed))
+        state = EVALUATE(state, world, jnp.float32(0.0), 50)
+        rewards.append(float(state.outcome.reward))
+        speeds.append(float(world.vehicles.speed[0]))
+        assert bool(state.stats.success) == (decision < 4)
+        assert int(state.stats.escape_decision) == 1
+    assert rewards[-1] == -10.0
+    assert float(state.stats.reward) == pytest.approx(sum(rewards))
+    assert float(state.stats.timestep_reward) == pytest.approx(rewards[1] + rewards[3])
+    assert float(state.stats.speed_sum) == pytest.approx(sum(speeds))

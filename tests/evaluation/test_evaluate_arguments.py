@@ -43,7 +43,7 @@ def driven(monkeypatch):
         pytest.fail("an episode was driven")
 
     monkeypatch.setattr(api.testing, "test", drive)
-    monkeypatch.setattr(api.outside, "test", drive)
+    monkeypatch.setattr(api.stepwise, "evaluate", drive)
 
 
 @pytest.mark.usefixtures("driven")
@@ -188,7 +188,7 @@ def test_results_are_not_written_to_folders(found, place):
 def test_the_published_figures_stand_beside_the_papers_test_alone(
     monkeypatch, found, settings, why
 ):
-    monkeypatch.setattr(api.outside, "test", lambda *_: found.episodes)
+    monkeypatch.setattr(api.stepwise, "evaluate", lambda *_: found.episodes)
     tested = lanewise.evaluate(idle, name="hierarchical", quiet=True, **settings)
     assert tested.summary.unlike_paper == why
     for shown in (str(tested), tested.table()):

@@ -86,12 +86,12 @@ def test_a_hopeless_start_ends_in_an_accident_whatever_is_done():
         return jax.vmap(lambda s: jax.vmap(lambda a: one(s, a))(jnp.arange(9)))(states)
 
     def survivors(states):
-        count = len(states.decisions)
+        count = len(states.start_x)
         padded = jax.tree.map(
             lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], BLOCK - count, 0)]), states
         )
-        after, outcome = jax.device_get(step_all(padded))
-        alive = ~outcome.terminated[:count]
+        after = jax.device_get(step_all(padded))
+        alive = ~after.outcome.terminated[:count]
         return jax.tree.map(lambda leaf: leaf[:count][alive], after)
 
     def of_block(states, first):
@@ -101,13 +101,13 @@ def test_a_hopeless_start_ends_in_an_accident_whatever_is_done():
     states = jax.tree.map(lambda leaf: np.asarray(leaf)[None], state)
     driven = decisions = 0
     while True:
-        firsts = range(0, len(states.decisions), BLOCK)
+        firsts = range(0, len(states.start_x), BLOCK)
         left = [survivors(of_block(states, first)) for first in firsts]
         states = jax.tree.map(lambda *parts: np.concatenate(parts), *left)
-        alive = len(states.decisions)
+        alive = len(states.start_x)
         driven += alive
         decisions += 1
-        assert not states.escaped.any()
+        assert not states.stats.escaped.any()
         if not alive:
             break
         assert decisions < 50

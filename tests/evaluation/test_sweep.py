@@ -6,8 +6,8 @@ import pytest
 
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.settings import DrivingSettings
-from lanewise.evaluation import drive, escapes, reachability, sweep
-from lanewise.evaluation.drive import TestCourse as Course
+from lanewise.evaluation import escapes, evaluator, reachability, sweep
+from lanewise.evaluation.evaluator import EvaluationConfig
 from lanewise.evaluation.grid import Grid
 from lanewise.learning import network
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
@@ -26,7 +26,7 @@ class Faster(SingleLevel):
 
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch):
-    monkeypatch.setattr(drive, "BLOCK", 4)
+    monkeypatch.setattr(evaluator, "BLOCK", 4)
 
 
 def parameters():
@@ -42,7 +42,7 @@ def outcomes(course, grid, first=0):
 def test_a_start_of_a_grid_is_the_test_start_with_those_settings():
     """Padded with lanes and vehicles it lacks, it comes to what its own settings give."""
     grid = Grid((9.5,), (8.5,), (3, 5), (15.0,), (6.0,), (20.0, 30.0), (0, 2))
-    plain = Course(SCENARIO, DrivingSettings(), Faster(), 24)
+    plain = EvaluationConfig(SCENARIO, DrivingSettings(), Faster(), 24)
     found = outcomes(sweep.course(plain, grid), grid)
     points = grid.points()
     assert len(found) == len(points) == 8
@@ -61,7 +61,9 @@ def test_a_start_of_a_grid_is_the_test_start_with_those_settings():
             traffic=traffic,
         )
         # Start i of a seed is the point's number times the episodes, and on from there.
-        many = drive.test(replace(plain, scenario=own), parameters(), 5, (number + 1) * EPISODES)
+        many = evaluator.evaluate(
+            replace(plain, scenario=own), parameters(), 5, (number + 1) * EPISODES
+        )
         assert found[number].successes == many.success[-EPISODES:].sum()
         assert found[number].escapes == many.escaped[-EPISODES:].sum()
         assert found[number].collision == (many.accident[-EPISODES:] == 1).sum() == EPISODES
@@ -72,17 +74,17 @@ def test_a_start_of_a_grid_is_the_test_start_with_those_settings():
 @pytest.mark.slow
 def test_a_grid_compiles_once_and_can_be_taken_up_anywhere():
     grid = Grid((8.0, 12.0), (8.0, 11.0), (3, 4), (15.0,), (5.0,))
-    course = sweep.course(Course(SCENARIO, DrivingSettings(), Faster(), 20), grid)
-    before = drive.drive_block.__wrapped__._cache_size()
+    course = sweep.course(EvaluationConfig(SCENARIO, DrivingSettings(), Faster(), 20), grid)
+    before = evaluator.drive_block.__wrapped__._cache_size()
     found = outcomes(course, grid)
-    assert drive.drive_block.__wrapped__._cache_size() == before + 1
+    assert evaluator.drive_block.__wrapped__._cache_size() == before + 1
     assert outcomes(course, grid, first=5) == found[5:]
     assert len({(outcome.speed, outcome.reward) for outcome in found}) > 3
 
 
 def test_more_episodes_than_a_block_belong_to_one_start():
     grid = Grid((8.0,), (8.0, 10.0), (3,), (15.0,), (5.0,))
-    course = sweep.course(Course(SCENARIO, DrivingSettings(), Faster(), 20), grid)
+    course = sweep.course(EvaluationConfig(SCENARIO, DrivingSettings(), Faster(), 20), grid)
     found = [o for group in sweep.run(course, parameters(), 5, 6, grid.points()) for o in group]
     assert [outcome.episodes for outcome in found] == [6, 6]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lanewise.errors import RunError
-from lanewise.evaluation import drive
+from lanewise.evaluation import evaluator
 from lanewise.runs import pretrained, trained
 from lanewise.training import recipe, selection
 
@@ -30,7 +30,7 @@ def test_they_drive_as_they_did_when_they_were_made(name):
     assert (controller.name, controller.seed) == (story["controller"], story["seed"])
     stored = story["tests"]["lanewise"]["summary"]
     course = recipe.test_course(controller.settings, controller.name)
-    found = drive.test(course, controller.parameters, controller.seed, stored["episodes"])
+    found = evaluator.evaluate(course, controller.parameters, controller.seed, stored["episodes"])
     # Another processor may round otherwise; on one machine the figures are the same.
     assert np.mean(found.success) == pytest.approx(stored["success_rate"], abs=0.02)
     assert np.mean(found.accumulated_reward) == pytest.approx(

@@ -12,7 +12,7 @@ from small_runs import Quiet, results, resume
 
 from lanewise.cli.main import main
 from lanewise.errors import LanewiseError, RunError
-from lanewise.evaluation import drive
+from lanewise.evaluation import evaluator
 from lanewise.runs import checkpoint, metrics_file, trained, training_loop
 from lanewise.system import folder_io, version
 from lanewise.training import host, recipe
@@ -100,7 +100,7 @@ def test_what_is_told_of_kept_weights_is_true_of_the_controller(whole):
     controller = trained.load(whole)
     course = recipe.validation_course(controller.settings, recipe.RECIPES["hierarchical"][-1])
     count = told[-1]["fresh_episodes"]
-    found = drive.test(course, controller.parameters, host.FRESH_SEED, count)
+    found = evaluator.evaluate(course, controller.parameters, host.FRESH_SEED, count)
     assert told[-1]["kept_reward"] == pytest.approx(found.accumulated_reward.mean())
     assert told[-1]["kept_accident_rate"] == pytest.approx((found.accident > 0).mean())
 

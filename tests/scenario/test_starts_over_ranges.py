@@ -115,8 +115,8 @@ def drive(settings, start, seed, lanes, chosen):
 
     def decide(state, action):
         seen = percept.of(DRIVING.observation, state.world)
-        state, outcome = episode.step(DRIVING, state, action, 50)
-        return state, (state.world.vehicles, seen.features, outcome)
+        state = episode.step(DRIVING, state, action, 50)
+        return state, (state.world.vehicles, seen.features, state.outcome)
 
     return state.world, jax.lax.scan(decide, state, chosen)[1]
 

@@ -10,8 +10,7 @@ import pytest
 
 from lanewise.driving import accidents, actions, episode
 from lanewise.driving.settings import DrivingSettings
-from lanewise.evaluation.drive import TestCourse as Course
-from lanewise.evaluation.drive import start
+from lanewise.evaluation.evaluator import EvaluationConfig, start
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
 from lanewise.world import build, road
@@ -48,7 +47,7 @@ def same(a, b):
 )
 def test_a_start_is_the_same_alone_and_in_any_batch(split):
     many = starts(split, 102)
-    course = Course(SETTINGS, DrivingSettings(), None, 50, split)
+    course = EvaluationConfig(SETTINGS, DrivingSettings(), None, 50, split)
     # The last is of the second block.
     for index in (0, 1, 101):
         alone = sample(7, split, index)
@@ -137,7 +136,7 @@ def test_trap_cars_keep_their_speed_and_lane_all_episode_long():
     first = np.asarray(state.world.vehicles.x[1:3])
     # The ego drives on at the trap's own speed, so that nobody is hit.
     for decision in range(1, 51):
-        state, _ = step(state, jnp.int32(actions.IDLE), 50)
+        state = step(state, jnp.int32(actions.IDLE), 50)
         vehicles = state.world.vehicles
         assert vehicles.speed[1:3].tolist() == [10.0, 10.0]
         assert vehicles.y[1:3].tolist() == [0.0, 4.0]

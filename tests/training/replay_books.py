@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from lanewise.driving.episode import EpisodeStats
 from lanewise.training import rollout, stage
-from lanewise.training.rollout import Finished
 
 
 @jax.tree_util.register_dataclass
@@ -99,8 +99,8 @@ class NotedController:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Seen(Finished):
-    """Facts and notes."""
+class Seen(EpisodeStats):
+    """Stats and notes."""
 
     notes: dict[str, Any]
     paid: Any
@@ -117,10 +117,14 @@ def drive(monkeypatch, course, frozen, key, chunks):
     own = rollout.step
 
     def noted(course, parameters, before, epsilon, key):
-        after, emitted, finished = own(course, parameters, before, epsilon, key)
-        paid = after.tally.reward - before.tally.reward
-        facts = {name: getattr(finished, name) for name in Finished.__dataclass_fields__}
-        return after, emitted, Seen(**facts, notes=after.memory.notes, paid=paid)
+        after, emitted = own(course, parameters, before, epsilon, key)
+        stats = after.episode.stats
+        notes = Seen(
+            **{name: getattr(stats, name) for name in EpisodeStats.__dataclass_fields__},
+            notes=after.memory.notes,
+            paid=stats.outcome.reward,
+        )
+        return replace(after, episode=replace(after.episode, stats=notes)), emitted
 
     monkeypatch.setattr(stage.rollout, "step", noted)
     advance = jax.jit(partial(stage.iterate, course, frozen, count=stage.CHUNK))
@@ -128,7 +132,7 @@ def drive(monkeypatch, course, frozen, key, chunks):
     seen = []
     for _ in range(chunks):
         state, metrics = advance(state)
-        seen.append(jax.device_get(metrics.finished))
+        seen.append(jax.device_get(metrics.episodes))
     return state, jax.tree.map(lambda *parts: np.concatenate(parts), *seen)
 
 
@@ -144,9 +148,9 @@ def book(course, seen, name):
     """
     how = dict(course.learning)[name]
     written = []
-    for world in range(seen.done.shape[1]):
+    for world in range(seen.outcome.over.shape[1]):
         begins = 0
-        for last in [*np.flatnonzero(seen.done[:, world]), len(seen.done) - 1]:
+        for last in [*np.flatnonzero(seen.outcome.over[:, world]), len(seen.outcome.over) - 1]:
             if last >= begins:
                 one = jax.tree.map(lambda leaf, w=world, b=begins, e=last: leaf[b : e + 1, w], seen)
                 rows = _episode(how, one, name, _view(course, name))
@@ -154,7 +158,7 @@ def book(course, seen, name):
             begins = last + 1
     # By decision, then by world; of those complete at once the newest choice is first.
     written.sort(key=lambda entry: entry[:3])
-    return np.array([row for end, *_, row in written if end < len(seen.done) - 1])
+    return np.array([row for end, *_, row in written if end < len(seen.outcome.over) - 1])
 
 
 def _view(course, name):
@@ -172,7 +176,7 @@ def _view(course, name):
 def _episode(how, seen, name, view):
     """Of one episode, maybe cut short: (first decision, last decision, row) of each transition."""
     ready = np.flatnonzero(seen.notes[f"{name} ready"])
-    over, length = bool(seen.done[-1]), len(seen.done)
+    over, length = bool(seen.outcome.over[-1]), len(seen.outcome.over)
     terminated = over and int(seen.accident[-1]) != 0
     gamma, found = how.learner.discount, []
     for number, start in enumerate(ready):

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import pytest
 from test_stage import COURSE
 
-from lanewise.evaluation import drive
+from lanewise.evaluation import evaluator
 from lanewise.training import host, stage
 from lanewise.training.host import StagePlan
 
@@ -75,11 +75,11 @@ def test_nothing_passes_between_host_and_device_inside_a_chunk():
 
 def test_each_entry_point_is_compiled_once():
     """Chunk after chunk, with validations: as many programs after the last as after the first."""
-    validation = drive.TestCourse(
+    validation = evaluator.EvaluationConfig(
         COURSE.scenario, COURSE.driving, COURSE.controller, 3, "validation"
     )
     plan = StagePlan("one", COURSE, validation, 150, validation_interval=1, fresh_episodes=1)
-    entries = (stage.begin, stage.advance, drive.drive_block)
+    entries = (stage.begin, stage.advance, evaluator.drive_block)
     progress = host.begin(plan, {}, jax.random.key(3))
     progress, _ = host.advance(plan, {}, progress)
     after_one = [entry.__wrapped__._cache_size() for entry in entries]

@@ -50,7 +50,7 @@ def spoilt(state, path, at, value):
 
 PLACES = {
     "observation": ("rollouts", "percept", "features"),
-    "reward": ("rollouts", "tally", "reward"),
+    "reward": ("rollouts", "episode", "stats", "reward"),
     "vehicles": ("rollouts", "episode", "world", "vehicles", "x"),
     "replay": ("replays", LEVEL, "rows"),
     "online": ("learners", LEVEL, "online", 0, 0),
@@ -147,9 +147,12 @@ def test_causes_come_first():
 def test_the_reward_of_an_episode_that_ended_is_found():
     """Its world holds a fresh episode by then."""
     state = stage.begin(COURSE, {}, jax.random.key(0))
-    ending = replace(state.rollouts.episode, decisions=jnp.full(4, 19, jnp.int32))
-    tally = replace(state.rollouts.tally, reward=jnp.float32([0.0, 0.0, 0.0, jnp.inf]))
-    rollouts = replace(state.rollouts, episode=ending, tally=tally)
+    stats = replace(
+        state.rollouts.episode.stats,
+        decisions=jnp.full(4, 19, jnp.int32),
+        reward=jnp.float32([0.0, 0.0, 0.0, jnp.inf]),
+    )
+    rollouts = replace(state.rollouts, episode=replace(state.rollouts.episode, stats=stats))
     _, metrics = stage.advance(COURSE, {}, replace(state, rollouts=rollouts))
     np.testing.assert_array_equal(np.argwhere(~np.asarray(metrics.finite.reward)), [[0, 3], [1, 3]])
 
@@ -172,8 +175,8 @@ def test_a_bad_chunk_is_neither_booked_nor_validated(monkeypatch):
     """It ends in an error before its weights could count as the best."""
     budget = SimpleNamespace(worlds=2, keep="best-validation", decisions=600, episodes=0)
     plan = StagePlan("step-2", SimpleNamespace(budget=budget, learning=()), None, 3, 1, 1)
-    metrics = SimpleNamespace(finite=finite(reward=table((2, 1))), finished=None, levels={})
-    monkeypatch.setattr(host.drive, "test", lambda *_: pytest.fail("validated"))
+    metrics = SimpleNamespace(finite=finite(reward=table((2, 1))), episodes=None, levels={})
+    monkeypatch.setattr(host.evaluator, "evaluate", lambda *_: pytest.fail("validated"))
     progress = StageProgress(None, {}, {}, host.Ledger(chunks=4, decisions=400))
     with pytest.raises(NumbersError, match=r"^step-2, chunk 5: a reward .* decision 404") as error:
         host.book(plan, {}, progress, None, metrics)

@@ -1,16 +1,20 @@
 """Which weights a stage keeps, with scripted chunks in place of compiled ones."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import jax
 import numpy as np
 import pytest
 
+from lanewise.driving import episode
+from lanewise.driving.episode import EpisodeStats
+from lanewise.scenario import trap
+from lanewise.scenario.settings import TrapSettings
 from lanewise.training import host as stages
 from lanewise.training import selection
 from lanewise.training.finite import Finite
 from lanewise.training.host import Ledger, StagePlan, StageProgress
-from lanewise.training.rollout import Finished
 from lanewise.training.settings import StageSettings
 
 CHUNK, WORLDS = stages.stage.CHUNK, 2
@@ -24,6 +28,9 @@ ALL_FINITE = Finite(
 )
 
 
+NOTHING = episode.begin(trap.sample(TrapSettings(), jax.random.key(0), "test")).stats
+
+
 def plan_of(keep, decisions=6 * CHUNK * WORLDS, episodes=0, interval=2):
     settings = StageSettings(decisions=decisions, episodes=episodes, worlds=WORLDS, keep=keep)
     course = SimpleNamespace(budget=settings, learning=(("q", settings),))
@@ -34,15 +41,15 @@ def state_of(chunk):
     return SimpleNamespace(learners={"q": SimpleNamespace(online=np.int32(chunk))})
 
 
-def finished_of(endings):
-    """Facts of a chunk from {(iteration, world): reward}."""
-    values = {name: np.zeros((CHUNK, WORLDS)) for name in Finished.__dataclass_fields__}
+def episodes_of(endings):
+    """Stats of a chunk from {(iteration, world): reward}."""
+    none = jax.tree.map(lambda _: np.zeros((CHUNK, WORLDS), int), NOTHING)
+    stats = replace(none, reward=np.zeros((CHUNK, WORLDS)))
     for at, reward in endings.items():
-        values["done"][at] = 1
-        values["reward"][at] = reward
-        values["decisions"][at] = 10
-    values["accident"] = values["accident"].astype(int)
-    return Finished(**values | {"done": values["done"] > 0})
+        stats.outcome.truncated[at] = True
+        stats.reward[at] = reward
+        stats.decisions[at] = 10
+    return stats
 
 
 @pytest.fixture
@@ -62,7 +69,7 @@ def play(monkeypatch):
             )
             return state_of(len(done)), SimpleNamespace(
                 levels={"q": nothing},
-                finished=chunk if isinstance(chunk, Finished) else finished_of(chunk),
+                episodes=chunk if isinstance(chunk, EpisodeStats) else episodes_of(chunk),
                 finite=ALL_FINITE,
             )
 
@@ -76,7 +83,7 @@ def play(monkeypatch):
             )
 
         monkeypatch.setattr(stages.stage, "advance", advance)
-        monkeypatch.setattr(stages.drive, "test", test)
+        monkeypatch.setattr(stages.evaluator, "evaluate", test)
         monkeypatch.setattr(jax, "device_get", lambda tree: tree)
         weights = {"q": np.int32(0)}
         window = selection.no_window(plan.course.budget.keep, weights)
@@ -179,9 +186,10 @@ def test_a_stage_of_few_validations_takes_the_median_of_those(play):
 def test_lines_tell_the_papers_success_from_ours(play):
     """Two episodes pass the trap, one of them crashes later; so do six and five in validation."""
 
-    facts = finished_of({(0, 0): 9.0, (1, 0): 1.0, (2, 0): 2.0})
-    facts.escaped[:2, 0] = facts.success[0, 0] = facts.accident[1, 0] = 1
-    _, (report,) = play(plan_of("last", decisions=CHUNK * WORLDS), [facts], [(5, 1, 1.0)])
+    stats = episodes_of({(0, 0): 9.0, (1, 0): 1.0, (2, 0): 2.0})
+    stats.escape_decision[:2, 0] = 4
+    stats.outcome.terminated[1, 0] = stats.outcome.accident[1, 0] = 1
+    _, (report,) = play(plan_of("last", decisions=CHUNK * WORLDS), [stats], [(5, 1, 1.0)])
     told = [(line["escaped"], line["success"]) for line in report.episodes]
     assert told == [(True, True), (True, False), (False, False)]
     rates = [report.chunk[f"{name}_rate"] for name in ("escape", "success", "accident")]
@@ -212,7 +220,7 @@ def test_kept_and_last_weights_are_compared_on_the_same_fresh_starts(play, monke
             average_speed=np.full(10, 12.5),
         )
 
-    monkeypatch.setattr(stages.drive, "test", test)
+    monkeypatch.setattr(stages.evaluator, "evaluate", test)
     line = stages.compare(plan, {}, progress)
     assert asked == [(9, stages.FRESH_SEED, 20), (line["kept_chunk"], stages.FRESH_SEED, 20)]
     assert line["kept_chunk"] == kept(plan, progress) != line["last_chunk"] == 9

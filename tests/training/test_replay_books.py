@@ -67,8 +67,8 @@ def test_the_replay_holds_what_the_books_say(monkeypatch, name):
     course, frozen = COURSES[name]
     course = replay_books.noting(course)
     state, seen = replay_books.drive(monkeypatch, course, frozen, jax.random.key(2), CHUNKS)
-    ends = seen.done.sum()
-    crashed = (seen.done & (seen.accident > 0)).sum()
+    ends = seen.outcome.over.sum()
+    crashed = (seen.outcome.over & (seen.outcome.accident > 0)).sum()
     assert ends > 10
     assert 0 < crashed < ends
     for level, how in course.learning:

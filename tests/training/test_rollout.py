@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -90,16 +89,17 @@ STEP = jax.jit(rollout.step, static_argnums=0)
 
 
 def drive(course, parameters, decisions, epsilon):
-    """(the first world, then per decision: the world, what each level emits, finished)."""
+    """(the first world, then per decision: the world, what each level emits, the stats)."""
     first = state = BEGIN(course, parameters, jax.random.key(5))
     everywhere = {name: jnp.float32(epsilon) for name, _ in course.learning}
     rows = []
     for key in jax.random.split(jax.random.key(6), decisions):
         key, start_key = jax.random.split(key)
-        state, emitted, finished = STEP(course, parameters, state, everywhere, key)
-        if finished.done:
+        state, emitted = STEP(course, parameters, state, everywhere, key)
+        stats = state.episode.stats
+        if stats.outcome.over:
             state = BEGIN(course, parameters, start_key)
-        rows.append((state, emitted, finished))
+        rows.append((state, emitted, stats))
     return first, jax.tree.map(lambda *leaves: np.stack(leaves), *jax.device_get(rows))
 
 
@@ -125,13 +125,13 @@ def plain_episode(course, first):
     """(features before and after every decision, rewards, outcomes) of the first episode."""
     _, how = course.learning[0]
     state, seen, rewards, outcomes = first.episode, [], [], []
-    while not outcomes or not (outcomes[-1].terminated or outcomes[-1].truncated):
+    while not outcomes or not outcomes[-1].over:
         seen.append(features_at(state, len(rewards)))
         action = jnp.int32(course.controller.action)
         before = float(state.world.vehicles.speed[0])
-        state, outcome = EPISODE_STEP(state, action, course.budget.duration)
-        rewards.append(pay(how, outcome, before, float(state.world.vehicles.speed[0])))
-        outcomes.append(outcome)
+        state = EPISODE_STEP(state, action, course.budget.duration)
+        rewards.append(pay(how, state.outcome, before, float(state.world.vehicles.speed[0])))
+        outcomes.append(state.outcome)
     return [*seen, features_at(state, len(rewards))], rewards, outcomes
 
 
@@ -198,11 +198,11 @@ QUICK = (0, 5)
 def test_transitions_are_those_of_the_plain_books(variant):
     course = course_of(**variant)
     parameters = {"q": parameters_of(course)}
-    first, (worlds, emitted, finished) = drive(course, parameters, 16, 0.0)
+    first, (worlds, emitted, stats) = drive(course, parameters, 16, 0.0)
     expected, length, terminated = booked(course, first)
     assert terminated == (variant["duration"] == 40)
     assert length < 16
-    done = np.flatnonzero(finished.done)
+    done = np.flatnonzero(stats.outcome.over)
     assert done[0] == length - 1
     found = [row for row in written(emitted["q"]) if row[0] < length]
     assert [at for at, _ in found] == [wanted.pop("at") for wanted in expected]
@@ -214,10 +214,10 @@ def test_transitions_are_those_of_the_plain_books(variant):
         assert int(transition.action) == int(np.argmax(values))
     # The episode that follows is a fresh one, and the last transition saw nothing of it.
     fresh = jax.tree.map(lambda leaf: leaf[length - 1], worlds)
-    assert int(fresh.episode.decisions) == 0
+    assert int(fresh.episode.stats.decisions) == 0
     assert float(fresh.percept.x) == 0.0
     assert float(found[-1][1].next_features[0]) > 10.0
-    assert float(fresh.tally.reward) == 0.0
+    assert float(fresh.episode.stats.reward) == 0.0
     assert int(fresh.pending["q"].count) == 0
 
 
@@ -229,36 +229,26 @@ def test_some_goals_are_reached_and_some_are_not():
     assert {0.0, 2.0} <= set(rewards)
 
 
-def test_finished_episodes_carry_the_sums_of_the_plain_drive():
+def test_stats_episodes_carry_the_sums_of_the_plain_drive():
     course = course_of(**VARIANTS[1])
-    first, (_, _, finished) = drive(course, {"q": parameters_of(course)}, 16, 0.0)
+    first, (_, _, stats) = drive(course, {"q": parameters_of(course)}, 16, 0.0)
     state, rewards, speeds = first.episode, [], []
     for _ in range(7):
-        state, outcome = EPISODE_STEP(state, jnp.int32(FASTER), 7)
+        state = EPISODE_STEP(state, jnp.int32(FASTER), 7)
+        outcome = state.outcome
         rewards.append(float(outcome.reward))
         speeds.append(float(state.world.vehicles.speed[0]))
         if outcome.terminated:
             break
     at = len(rewards) - 1
-    assert finished.done[at]
-    assert int(finished.decisions[at]) == len(rewards)
-    assert int(finished.accident[at]) == int(outcome.accident)
-    assert float(finished.reward[at]) == pytest.approx(sum(rewards), rel=1e-4)
+    assert stats.outcome.over[at]
+    assert int(stats.decisions[at]) == len(rewards)
+    assert int(stats.outcome.accident[at]) == int(outcome.accident)
+    assert float(stats.reward[at]) == pytest.approx(sum(rewards), rel=1e-4)
     # One reward a second: after every second decision, and an accident whenever it happens.
     ends = rewards[1::2] + (rewards[-1:] if len(rewards) % 2 and outcome.terminated else [])
-    assert float(finished.timestep_reward[at]) == pytest.approx(sum(ends), rel=1e-4)
-    assert float(finished.average_speed[at]) == pytest.approx(np.mean(speeds), rel=1e-5)
-
-
-def test_an_accident_takes_success_away():
-    for terminated in (False, True):
-        state = SimpleNamespace(escaped=jnp.bool_(True), decisions=jnp.int32(4))
-        outcome = SimpleNamespace(terminated=jnp.bool_(terminated), accident=jnp.int32(0))
-        tally = rollout.Tally(jnp.float32(1.0), jnp.float32(2.0), jnp.float32(40.0))
-        found = rollout._finish(state, outcome, tally, jnp.bool_(True))
-        assert bool(found.success) != terminated
-        assert bool(found.escaped)
-        assert float(found.average_speed) == 10.0
+    assert float(stats.timestep_reward[at]) == pytest.approx(sum(ends), rel=1e-4)
+    assert float(stats.speed_sum[at]) == pytest.approx(sum(speeds), rel=1e-5)
 
 
 TWO_LEVELS = {
@@ -292,11 +282,11 @@ def goal_features(worlds, lane, speed):
 
 
 def test_a_new_goal_is_in_the_next_features_of_the_decision_before_it():
-    _, first, worlds, emitted, finished = two_level_drive(("low_level", LevelSettings()))
+    _, first, worlds, emitted, stats = two_level_drive(("low_level", LevelSettings()))
     low = emitted["low_level"]
     assert low.complete.all()
     lane, speed = (np.asarray(getattr(worlds.memory.goal.goal, name)) for name in ("lane", "speed"))
-    going_on = ~np.asarray(finished.done)
+    going_on = ~np.asarray(stats.outcome.over)
     lane_before, speed_before = (before(worlds, first, name) for name in ("lane", "speed"))
     switched = ((speed != speed_before) | (lane != lane_before)) & going_on
     assert switched.sum() >= 2
@@ -310,10 +300,10 @@ def test_a_new_goal_is_in_the_next_features_of_the_decision_before_it():
 def test_when_both_levels_learn_the_low_level_is_judged_by_the_goal_it_acted_for():
     """h-DQN: the goal of a transition is the same before and after the decision."""
     how = (("high_level", LevelSettings()), ("low_level", LevelSettings()))
-    _, _, worlds, emitted, finished = two_level_drive(*how)
+    _, _, worlds, emitted, stats = two_level_drive(*how)
     low, high = emitted["low_level"], emitted["high_level"]
     assert low.complete.all()
-    going_on = ~np.asarray(finished.done)
+    going_on = ~np.asarray(stats.outcome.over)
     # The world after a decision still remembers the goal of it: the next is set at the next one.
     lane, speed = (np.asarray(getattr(worlds.memory.goal.goal, name)) for name in ("lane", "speed"))
     np.testing.assert_allclose(
@@ -322,11 +312,13 @@ def test_when_both_levels_learn_the_low_level_is_judged_by_the_goal_it_acted_for
         atol=1e-5,
     )
     due = np.asarray(worlds.memory.goal.due) & going_on
-    np.testing.assert_array_equal(np.asarray(high.complete)[:, 0], due | np.asarray(finished.done))
+    np.testing.assert_array_equal(
+        np.asarray(high.complete)[:, 0], due | np.asarray(stats.outcome.over)
+    )
     assert 5 <= due.sum() < 50
     # What the high level saw when a goal was due is where its last transition led to.
     at = np.flatnonzero(high.complete[:, 0])
-    within = [(a, b) for a, b in pairwise(at) if not finished.done[a]]
+    within = [(a, b) for a, b in pairwise(at) if not stats.outcome.over[a]]
     for a, b in within:
         np.testing.assert_array_equal(
             np.asarray(high.transitions.features)[b, 0],
@@ -356,16 +348,18 @@ def test_a_held_choice_is_one_transition():
     how = LevelSettings(discount_across_goal="per-decision")
     course = Course(EMPTY, DRIVING, SingleLevel(hold=4), BudgetSettings(), (("single_level", how),))
     parameters = {"single_level": network.init(jax.random.key(2), 26, (8,), 9)}
-    _, (worlds, emitted, finished) = drive(course, parameters, 40, 0.5)
+    _, (worlds, emitted, stats) = drive(course, parameters, 40, 0.5)
     flat = emitted["single_level"]
     decisions = np.asarray(worlds.episode.decisions)
     complete = np.asarray(flat.complete)[:, 0]
-    np.testing.assert_array_equal(complete, (decisions % 4 == 0) | np.asarray(finished.done))
-    whole = complete & ~np.asarray(finished.done)
+    np.testing.assert_array_equal(complete, (decisions % 4 == 0) | np.asarray(stats.outcome.over))
+    whole = complete & ~np.asarray(stats.outcome.over)
     np.testing.assert_allclose(np.asarray(flat.transitions.discount)[whole, 0], 0.8**4, rtol=1e-6)
     actions = np.asarray(worlds.memory.action)
     held = [
-        len(set(actions[i : i + 4])) for i in range(0, 36, 4) if not finished.done[i : i + 4].any()
+        len(set(actions[i : i + 4]))
+        for i in range(0, 36, 4)
+        if not stats.outcome.over[i : i + 4].any()
     ]
     assert set(held) == {1}
     assert len(set(actions)) > 2
@@ -373,9 +367,9 @@ def test_a_held_choice_is_one_transition():
 
 def test_the_next_decision_starts_from_the_features_the_last_one_led_to():
     course = course_of(**VARIANTS[1])
-    _, (_, emitted, finished) = drive(course, {"q": parameters_of(course)}, 16, 0.0)
+    _, (_, emitted, stats) = drive(course, {"q": parameters_of(course)}, 16, 0.0)
     at = np.flatnonzero(emitted["q"].complete[:, 0])
-    at = at[at <= np.argmax(finished.done)]
+    at = at[at <= np.argmax(stats.outcome.over)]
     assert len(at) == 3
     part = emitted["q"].transitions
     np.testing.assert_array_equal(

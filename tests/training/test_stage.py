@@ -91,9 +91,9 @@ def test_counts_after_two_chunks():
     assert abs(int(levels[-1].updates) - 0.4 * 88) <= 1
     assert [float(one.epsilon) for one in levels] == pytest.approx([0.26, 0.02])
     assert all(np.isfinite([float(one.loss), float(one.mean_q)]).all() for one in levels)
-    done = np.asarray(metrics[0].finished.done)
+    done = np.asarray(metrics[0].episodes.outcome.over)
     assert done.shape == (stage.CHUNK, 4)
-    assert (np.asarray(metrics[0].finished.decisions)[done] <= 20).all()
+    assert (np.asarray(metrics[0].episodes.decisions)[done] <= 20).all()
     assert done.sum() >= 8
 
 

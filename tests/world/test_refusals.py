@@ -20,7 +20,7 @@ from highway_env.vehicle.objects import Obstacle
 
 from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import SettingsError
-from lanewise.interop import drive
+from lanewise.interop import highway_env_evaluation
 from lanewise.interop.highway_env import build_env, command_table, read_world
 from lanewise.world import build
 from lanewise.world.settings import PAPER_DRIVER
@@ -287,7 +287,7 @@ def test_an_ego_that_is_not_first_is_driven_in_the_twin(make_world):
 @pytest.mark.parametrize("kinds", [[EXTERNAL, EXTERNAL], [RULE_BASED, EXTERNAL]])
 def test_the_tests_drive_vehicle_0_alone(make_world, kinds):
     with pytest.raises(SettingsError, match="only vehicle 0"):
-        drive.live(DrivingSettings(), make_world([0, 50], [0, 0], kinds=kinds), 50)
+        highway_env_evaluation.live(DrivingSettings(), make_world([0, 50], [0, 0], kinds=kinds), 50)
 
 
 def test_worlds_that_cannot_be_built(make_world):

@@ -242,7 +242,7 @@ def many_seeds(count: int, worlds: int, seconds: float, seed: int = 0) -> Timed:
     def call() -> None:
         nonlocal state
         state, metrics = advance(state)
-        metrics.finished.done.block_until_ready()
+        metrics.episodes.outcome.over.block_until_ready()
 
     began = time.perf_counter()
     for _ in range(1 + WARM_UP // (worlds * stage.CHUNK)):

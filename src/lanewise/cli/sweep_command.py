@@ -113,7 +113,7 @@ def _work(
     from lanewise.experiments import evaluate_trained
 
     points = grid.points()
-    course = sweep.course(evaluate_trained.test_course(controller), grid)
+    course = sweep.course(evaluate_trained.evaluation_config(controller), grid)
     # Traffic is ignored when asking what can be won, so one of each set of traffics suffices.
     apart = points[:: grid.traffics]
     done = len(journal.reached)

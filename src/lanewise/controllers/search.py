@@ -132,7 +132,8 @@ def _expand(settings: Search, beam: Beam, decision: Array) -> Beam:
 
     def one(state: Episode, reward: Array, taken: Array, action: Array) -> Beam:
         # One decision more than planned: the search never meets a time-out.
-        after, outcome = episode.step(settings.driving, state, action, settings.duration + 1)
+        after = episode.step(settings.driving, state, action, settings.duration + 1)
+        outcome = after.outcome
         total = jnp.where(outcome.terminated, -jnp.inf, reward + outcome.reward)
         return Beam(after, total, taken.at[decision].set(action))
 

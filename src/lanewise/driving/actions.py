@@ -48,6 +48,13 @@ def shared(settings: ActionSettings, shares: Array) -> tuple[Array, Array]:
     return shares[0] * settings.acceleration, shares[1] * settings.steering
 
 
+def of_any(settings: ActionSettings, action: Array, dtype: jnp.dtype) -> tuple[Array, Array]:
+    """Commands of a discrete action, int32 [], or of a continuous one, float [2]."""
+    if jnp.issubdtype(action.dtype, jnp.floating):
+        return shared(settings, action)
+    return commands(settings, action, dtype)
+
+
 def checked(given: Any, count: int, shape: tuple[int, ...], wanted: str) -> NDArray[Any]:
     """Actions from outside, discrete or continuous, as compiled functions take them.
 

@@ -1,4 +1,4 @@
-"""One episode: a world, how far the ego has come, and the step from decision to decision."""
+"""One episode: a world, what the ego has gathered in it, and the step from decision to decision."""
 
 from dataclasses import dataclass
 
@@ -16,19 +16,6 @@ from lanewise.world.steering import of_slip
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Episode:
-    """The state of an episode under way."""
-
-    world: World
-    """The road and everyone on it."""
-    decisions: Array
-    """int32 [] decisions taken so far."""
-    escaped: Array
-    """bool [] success by now: the ego's rear has passed the front of every trap car."""
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
 class Outcome:
     """What one decision led to; ``terminated`` and ``truncated`` stay apart."""
 
@@ -41,10 +28,75 @@ class Outcome:
     truncated: Array
     """bool [] time ran out, without an accident."""
 
+    @property
+    def over(self) -> Array:
+        """Whether the episode ended; bool []."""
+        return self.terminated | self.truncated
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class EpisodeStats:
+    """Everything that is counted along an episode, once for training, tests and environments."""
+
+    decisions: Array
+    """int32 [] decisions taken so far."""
+    escape_decision: Array
+    """int32 [] the decision after which the ego's rear had first passed the front of every trap
+    car; 0 before."""
+    reward: Array
+    """[] sum of the external rewards, one a decision."""
+    timestep_reward: Array
+    """[] the paper's sum: one reward a second, an accident's penalty once."""
+    speed_sum: Array
+    """[] sum of the ego's speed after each decision, m/s."""
+    distance: Array
+    """[] travelled along the road since the start, m."""
+    outcome: Outcome
+    """Of the last decision; zeros before the first."""
+
+    @property
+    def escaped(self) -> Array:
+        """The paper's success by now: past every trap car; a later accident leaves it. bool []."""
+        return self.escape_decision > 0
+
+    @property
+    def success(self) -> Array:
+        """Escaped, and no accident by now; bool []."""
+        return self.escaped & ~self.outcome.terminated
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Episode:
+    """The state of an episode under way."""
+
+    world: World
+    """The road and everyone on it."""
+    start_x: Array
+    """[] the ego's x at the start, m."""
+    stats: EpisodeStats
+    """What has been counted so far."""
+
+    @property
+    def outcome(self) -> Outcome:
+        """Of the last decision."""
+        return self.stats.outcome
+
 
 def begin(world: World) -> Episode:
     """The episode that starts in ``world``."""
-    return Episode(world=world, decisions=jnp.int32(0), escaped=jnp.bool_(False))
+    zero, none, no = jnp.zeros_like(world.vehicles.x[0]), jnp.int32(0), jnp.bool_(False)
+    stats = EpisodeStats(
+        decisions=none,
+        escape_decision=none,
+        reward=zero,
+        timestep_reward=zero,
+        speed_sum=zero,
+        distance=zero,
+        outcome=Outcome(reward=zero, accident=none, terminated=no, truncated=no),
+    )
+    return Episode(world=world, start_x=world.vehicles.x[0], stats=stats)
 
 
 def step(
@@ -53,8 +105,8 @@ def step(
     action: Array,
     duration: int,
     parts: Parts = OURS,
-) -> tuple[Episode, Outcome]:
-    """One decision: act, let the world tick, then look at reward and endings.
+) -> Episode:
+    """One decision: act, let the world tick, then evaluate reward and endings.
 
     Args:
         settings: the decision process.
@@ -64,47 +116,36 @@ def step(
         parts: whose reward and success count.
 
     Returns:
-        The episode after the decision, and its outcome.
+        The episode after the decision; `Episode.outcome` says what it led to.
     """
     dtype = episode.world.vehicles.x.dtype
     acceleration, steering = actions.commands(settings.actions, action, dtype)
-    return drive(settings, episode, acceleration, steering, duration, parts)
+    return step_with_commands(settings, episode, acceleration, steering, duration, parts)
 
 
-def drive(
+def step_with_commands(
     settings: DrivingSettings,
     episode: Episode,
     acceleration: Array,
     steering: Array,
     duration: int,
     parts: Parts = OURS,
-) -> tuple[Episode, Outcome]:
+) -> Episode:
     """As `step`, with any acceleration, m/s^2, and steering, rad, positive to the right."""
     world = bicycle.command(episode.world, acceleration, steering)
     world = tick.run(world, settings.tick_duration, settings.ticks_per_decision)
-    return judge(settings, episode, world, steering, duration, parts)
+    return evaluate_step(settings, episode, world, steering, duration, parts)
 
 
-def ends_timestep(settings: DrivingSettings, after: Episode, outcome: Outcome) -> Array:
-    """Whether a decision's reward counts in the paper's sum: one a second, and an accident's.
-
-    bool []; row 3 of the reading. The decision in which a second of simulated time is completed
-    counts for it.
-    """
-    ticks = settings.ticks_per_decision
-    full = after.decisions * ticks % settings.simulation_frequency < ticks
-    return full | outcome.terminated
-
-
-def judge(
+def evaluate_step(
     settings: DrivingSettings,
     before: Episode,
     world: World,
     steering: Array,
     duration: int,
     parts: Parts = OURS,
-) -> tuple[Episode, Outcome]:
-    """What a decision led to, given the world after it, whoever simulated it.
+) -> Episode:
+    """The episode after a decision, given the world after it, whoever simulated that.
 
     Args:
         settings: the decision process.
@@ -113,21 +154,39 @@ def judge(
         steering: [] angle the decision steered by, rad.
         duration: decisions after which the episode is truncated.
         parts: whose reward and success count.
-
-    Returns:
-        The episode after the decision, and its outcome.
     """
-    # A rule-based ego heeds no action; what it steered last is in the world.
+    # A rule-based ego ignores actions; how it steered is in the world.
     by_rules = world.drivers.kind[0] == RULE_BASED
     steering = jnp.where(by_rules, of_slip(world.vehicles.slip_sine[0]), steering)
-    decisions = before.decisions + 1
+    stats = before.stats
+    decisions = stats.decisions + 1
     accident = accidents.of_ego(world, settings.stopped_speed)
     terminated = accident != accidents.NONE
+    reward = parts.reward(settings.reward, world, steering, terminated)
     outcome = Outcome(
-        reward=parts.reward(settings.reward, world, steering, terminated),
+        reward=jnp.asarray(reward, stats.reward.dtype),
         accident=accident,
         terminated=terminated,
         truncated=(decisions >= duration) & ~terminated,
     )
-    escaped = before.escaped | (parts.success(world) & ~terminated)
-    return Episode(world=world, decisions=decisions, escaped=escaped), outcome
+    escapes = ~stats.escaped & parts.success(world) & ~terminated
+    counts = _ends_timestep(settings, decisions) | terminated
+    after = EpisodeStats(
+        decisions=decisions,
+        escape_decision=jnp.where(escapes, decisions, stats.escape_decision),
+        reward=stats.reward + outcome.reward,
+        timestep_reward=stats.timestep_reward + jnp.where(counts, outcome.reward, 0.0),
+        speed_sum=stats.speed_sum + world.vehicles.speed[0],
+        distance=world.vehicles.x[0] - before.start_x,
+        outcome=outcome,
+    )
+    return Episode(world=world, start_x=before.start_x, stats=after)
+
+
+def _ends_timestep(settings: DrivingSettings, decisions: Array) -> Array:
+    """Whether a second of simulated time is completed by this decision; bool [].
+
+    The paper adds one reward a second (row 3 of the reading).
+    """
+    ticks = settings.ticks_per_decision
+    return decisions * ticks % settings.simulation_frequency < ticks

@@ -10,7 +10,7 @@ from jax import Array
 from lanewise.controllers.planned import Planned
 from lanewise.controllers.settings import GoalSettings, PlannerSettings
 from lanewise.driving import actions, episode, percept
-from lanewise.driving.episode import Episode, Outcome
+from lanewise.driving.episode import Episode
 from lanewise.driving.parts import Parts
 from lanewise.driving.settings import DrivingSettings
 
@@ -28,17 +28,6 @@ class Rules:
     """Decisions after which an episode is truncated."""
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Driven:
-    """What an environment's step led to, one or several decisions later."""
-
-    outcome: Outcome
-    """Of the last decision; its reward is the sum over the decisions."""
-    timestep_reward: Array
-    """[] of these, what counts in the paper's sum: one reward a second, and an accident's."""
-
-
 class Control(Protocol):
     """How actions drive, written for one world. Static."""
 
@@ -47,8 +36,8 @@ class Control(Protocol):
 
     def drive(
         self, rules: Rules, state: Episode, memory: Memory, action: Array
-    ) -> tuple[Episode, Memory, Driven]:
-        """(the episode after the action, the memory, what the action led to)."""
+    ) -> tuple[Episode, Memory, Array]:
+        """(the episode after the action, the memory, the reward of its decisions, [])."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +50,10 @@ class LowLevel:
 
     def drive(
         self, rules: Rules, state: Episode, memory: tuple[()], action: Array
-    ) -> tuple[Episode, tuple[()], Driven]:
+    ) -> tuple[Episode, tuple[()], Array]:
         """One decision."""
-        after, outcome = episode.step(rules.driving, state, action, rules.duration, rules.parts)
-        return after, memory, of_decision(rules, after, outcome)
+        after = episode.step(rules.driving, state, action, rules.duration, rules.parts)
+        return after, memory, after.outcome.reward
 
 
 @dataclass(frozen=True)
@@ -77,11 +66,13 @@ class Continuous:
 
     def drive(
         self, rules: Rules, state: Episode, memory: tuple[()], action: Array
-    ) -> tuple[Episode, tuple[()], Driven]:
+    ) -> tuple[Episode, tuple[()], Array]:
         """One decision."""
         commands = actions.shared(rules.driving.actions, action)
-        after, outcome = episode.drive(rules.driving, state, *commands, rules.duration, rules.parts)
-        return after, memory, of_decision(rules, after, outcome)
+        after = episode.step_with_commands(
+            rules.driving, state, *commands, rules.duration, rules.parts
+        )
+        return after, memory, after.outcome.reward
 
 
 @dataclass(frozen=True)
@@ -98,58 +89,29 @@ class Goals:
 
     def drive(
         self, rules: Rules, state: Episode, memory: Memory, action: Array
-    ) -> tuple[Episode, Memory, Driven]:
+    ) -> tuple[Episode, Memory, Array]:
         """As many decisions as the goal lasts."""
         planned = self._planned(rules)
         seen = percept.of(rules.driving.observation, state.world)
         (level,) = planned.levels
         memory = level.choose(memory, seen, action)
 
-        def lasts(carry: tuple[Episode, Memory, Driven]) -> Array:
-            _, memory, driven = carry
-            over = driven.outcome.terminated | driven.outcome.truncated
-            goes_on: Array = ~(memory.goal.due | over)
+        def lasts(carry: tuple[Episode, Memory, Array]) -> Array:
+            state, memory, _ = carry
+            goes_on: Array = ~(memory.goal.due | state.outcome.over)
             return goes_on
 
-        def decide(carry: tuple[Episode, Memory, Driven]) -> tuple[Episode, Memory, Driven]:
-            state, memory, before = carry
+        def decide(carry: tuple[Episode, Memory, Array]) -> tuple[Episode, Memory, Array]:
+            state, memory, reward = carry
             seen = percept.of(rules.driving.observation, state.world)
             low_level, memory = planned.act(memory, seen)
-            state, outcome = episode.step(
-                rules.driving, state, low_level, rules.duration, rules.parts
-            )
+            state = episode.step(rules.driving, state, low_level, rules.duration, rules.parts)
             memory = planned.perceive(memory, percept.of(rules.driving.observation, state.world))
-            return state, memory, _sum(before, of_decision(rules, state, outcome))
+            return state, memory, reward + state.outcome.reward
 
-        found: tuple[Episode, Memory, Driven] = jax.lax.while_loop(
-            lasts, decide, decide((state, memory, _nothing(state)))
-        )
+        begun = (state, memory, jnp.zeros_like(state.outcome.reward))
+        found: tuple[Episode, Memory, Array] = jax.lax.while_loop(lasts, decide, decide(begun))
         return found
 
     def _planned(self, rules: Rules) -> Planned:
         return Planned(rules.driving, self.goals, self.planner, renewal="critic")
-
-
-def of_decision(rules: Rules, after: Episode, outcome: Outcome) -> Driven:
-    """What a single decision led to."""
-    counts = episode.ends_timestep(rules.driving, after, outcome)
-    return Driven(outcome, jnp.where(counts, outcome.reward, 0.0))
-
-
-def _nothing(state: Episode) -> Driven:
-    """Before the first decision."""
-    zero, no = jnp.zeros_like(state.world.vehicles.x[0]), jnp.bool_(False)
-    return Driven(Outcome(zero, jnp.int32(0), no, no), zero)
-
-
-def _sum(before: Driven, now: Driven) -> Driven:
-    """Several decisions as one."""
-    return Driven(
-        Outcome(
-            reward=before.outcome.reward + now.outcome.reward,
-            accident=now.outcome.accident,
-            terminated=now.outcome.terminated,
-            truncated=now.outcome.truncated,
-        ),
-        before.timestep_reward + now.timestep_reward,
-    )

@@ -4,7 +4,7 @@
 loop. Nothing is restarted by itself: see `restarted`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -19,7 +19,7 @@ from lanewise.driving.actions import are_numbers
 from lanewise.driving.episode import Episode
 from lanewise.driving.parts import OURS, Parts, checked
 from lanewise.envs import keywords
-from lanewise.envs.control import Continuous, Control, Driven, Goals, LowLevel, Rules
+from lanewise.envs.control import Continuous, Control, Goals, LowLevel, Rules
 from lanewise.errors import ActionError, SettingsError
 from lanewise.fields.suggestions import look_up
 from lanewise.scenario.settings import TrapSettings
@@ -47,13 +47,11 @@ class State:
     """An episode under way."""
 
     episode: Episode
-    """The world and the count of decisions."""
+    """The world and what has been counted in it."""
     memory: Any
     """The control's: the goal under way."""
     reward: Array
-    """[] of the last step."""
-    timestep_reward: Array
-    """[] the paper's sum so far: one reward a second, an accident's penalty once."""
+    """[] of the last step, which may be several decisions."""
 
 
 @jax.tree_util.register_dataclass
@@ -166,7 +164,7 @@ def step(task: Trap, state: State, action: Array) -> tuple[State, Step]:
     _check_kind(task.control, given)
     # In 32 bits, also from a caller whose JAX has 64.
     chosen = given.astype(jnp.float32 if jnp.issubdtype(given.dtype, jnp.floating) else jnp.int32)
-    return led_to(task, state, *task.control.drive(task.rules, state.episode, state.memory, chosen))
+    return after_step(task, *task.control.drive(task.rules, state.episode, state.memory, chosen))
 
 
 def _check_kind(control: Control, action: Array) -> None:
@@ -178,28 +176,27 @@ def _check_kind(control: Control, action: Array) -> None:
         raise ActionError(f"an action must be {wanted}, got {action.dtype} of shape {action.shape}")
 
 
-def led_to(
-    task: Trap, state: State, after: Episode, memory: Any, driven: Driven
-) -> tuple[State, Step]:
+def after_step(task: Trap, after: Episode, memory: Any, reward: Array) -> tuple[State, Step]:
     """The state after a step, and what it shows, whoever simulated it.
 
     Args:
         task: from `make`.
-        state: before the step.
-        after: the episode after it.
+        after: the episode after the step.
         memory: the control's.
-        driven: what the step led to.
+        reward: [] of the step.
     """
-    outcome = driven.outcome
-    total = state.timestep_reward + driven.timestep_reward
-    state = State(after, memory, outcome.reward, total)
-    shown = _shown(task, state)
-    return state, replace(
-        shown,
+    state = State(after, memory, reward)
+    outcome = after.outcome
+    return state, Step(
+        observation=task.rules.parts.observe(task.rules.driving.observation, after.world),
+        reward=reward,
         terminated=outcome.terminated,
         truncated=outcome.truncated,
-        success=after.escaped & ~outcome.terminated,
+        escaped=after.stats.escaped,
+        success=after.stats.success,
         accident=outcome.accident,
+        speed=after.world.vehicles.speed[0],
+        timestep_reward=after.stats.timestep_reward,
     )
 
 
@@ -228,22 +225,5 @@ def restarted(task: Trap, states: State, steps: Step, keys: Array) -> tuple[Stat
 def start(task: Trap, world: Any) -> tuple[State, Step]:
     """A fresh episode from a world of one's own (`lanewise.scenario.trap.place` makes them)."""
     begun = episode.begin(world)
-    zero = jnp.zeros_like(world.vehicles.x[0])
-    state = State(begun, task.control.begin(task.rules, begun), zero, zero)
-    return state, _shown(task, state)
-
-
-def _shown(task: Trap, state: State) -> Step:
-    """What a state shows, as after a reset."""
-    world, none = state.episode.world, jnp.bool_(False)
-    return Step(
-        observation=task.rules.parts.observe(task.rules.driving.observation, world),
-        reward=state.reward,
-        terminated=none,
-        truncated=none,
-        escaped=state.episode.escaped,
-        success=none,
-        accident=jnp.int32(0),
-        speed=world.vehicles.speed[0],
-        timestep_reward=state.timestep_reward,
-    )
+    memory = task.control.begin(task.rules, begun)
+    return after_step(task, begun, memory, jnp.zeros_like(world.vehicles.x[0]))

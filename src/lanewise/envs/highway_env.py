@@ -9,15 +9,15 @@ from jax import Array
 from numpy.typing import NDArray
 
 from lanewise.driving import actions, episode
-from lanewise.envs import control, functional, rows
+from lanewise.envs import functional, rows
 from lanewise.envs.functional import State, Trap
 from lanewise.envs.single import TrapEnv
-from lanewise.interop import twin
+from lanewise.interop import evaluation_in_highway_env
 from lanewise.scenario import trap
 from lanewise.system import pinned
 from lanewise.world.state import World
 
-drive = twin()
+highway = evaluation_in_highway_env()
 
 
 class TrapHighwayEnv(TrapEnv):
@@ -47,15 +47,17 @@ class TrapHighwayEnv(TrapEnv):
 
     def _begin(self, seed: int, index: int) -> Any:
         world = jax.device_get(_start(self.task, jnp.uint32(seed), jnp.int32(index)))
-        fresh = drive.live(self.task.rules.driving, world, self.task.rules.duration)
-        self._state, row = _begun(self.task, drive.read(fresh))
+        fresh = highway.live(self.task.rules.driving, world, self.task.rules.duration)
+        self._state, row = _begun(self.task, highway.read(fresh))
         self._let_go()
         self.highway_env = fresh
         return row
 
     def _decide(self, action: NDArray[Any]) -> Any:
         self.highway_env.step(int(action))
-        self._state, row = _judged(self.task, self._state, drive.read(self.highway_env), action)
+        self._state, row = _evaluated(
+            self.task, self._state, highway.read(self.highway_env), action
+        )
         return row
 
 
@@ -75,13 +77,12 @@ def _begun(task: Trap, world: World) -> tuple[State, Array]:
 
 
 @pinned.jit(static_argnums=0)
-def _judged(task: Trap, state: State, world: World, action: Array) -> tuple[State, Array]:
+def _evaluated(task: Trap, state: State, world: World, action: Array) -> tuple[State, Array]:
     """(state, row) after a decision that highway-env simulated."""
     rules = task.rules
     _, steering = actions.commands(rules.driving.actions, action, world.vehicles.x.dtype)
-    after, outcome = episode.judge(
+    after = episode.evaluate_step(
         rules.driving, state.episode, world, steering, rules.duration, rules.parts
     )
-    driven = control.of_decision(rules, after, outcome)
-    state, shown = functional.led_to(task, state, after, state.memory, driven)
+    state, shown = functional.after_step(task, after, state.memory, after.outcome.reward)
     return state, rows.pack(shown)

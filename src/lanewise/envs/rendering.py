@@ -26,10 +26,10 @@ def picture(task: Trap, state: State, *, success: bool, accident: int) -> NDArra
     goal = getattr(fetched.memory, "goal", None)
     return drawn(
         fetched.episode.world,
-        time=int(fetched.episode.decisions) * task.rules.driving.decision_duration,
+        time=int(fetched.episode.stats.decisions) * task.rules.driving.decision_duration,
         goal=(-1, np.nan) if goal is None else (int(goal.goal.lane), float(goal.goal.speed)),
         reward=float(fetched.reward),
-        timestep_reward=float(fetched.timestep_reward),
+        timestep_reward=float(fetched.episode.stats.timestep_reward),
         success=success,
         accident=accident,
     )

@@ -95,11 +95,11 @@ def _replay(course: Course, start: Start, sequences: Array) -> Array:
         def decide(
             state: tuple[episode.Episode, Array], action: Array
         ) -> tuple[tuple[episode.Episode, Array], None]:
-            after, outcome = episode.step(course.driving, state[0], action, course.duration)
-            return (after, state[1] | outcome.terminated), None
+            after = episode.step(course.driving, state[0], action, course.duration)
+            return (after, state[1] | after.outcome.terminated), None
 
         (after, failed), _ = jax.lax.scan(decide, (episode.begin(world), jnp.bool_(False)), chosen)
-        won: Array = after.escaped & ~failed
+        won: Array = after.stats.escaped & ~failed
         return won
 
     return jax.vmap(drive)(sequences)

@@ -15,9 +15,9 @@ from jax import Array
 
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.settings import DrivingSettings
-from lanewise.evaluation import concurrent, drive, escapes, reachability
-from lanewise.evaluation.drive import Sums, TestCourse
+from lanewise.evaluation import concurrent, escapes, evaluator, reachability
 from lanewise.evaluation.episodes import Episodes
+from lanewise.evaluation.evaluator import EvaluationConfig, Result
 from lanewise.evaluation.grid import CAUSES, Grid, Outcome, Point, Reach
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
@@ -28,7 +28,7 @@ from lanewise.world.state import World
 Escape = tuple[int, ...]
 
 
-def course(test: TestCourse, grid: Grid) -> TestCourse:
+def course(test: EvaluationConfig, grid: Grid) -> EvaluationConfig:
     """The test of a grid's starts: the controller's own, with room for every start."""
     traffic = replace(test.scenario.traffic, vehicles_behind=max(grid.vehicles_behind))
     return replace(test, scenario=replace(test.scenario, lanes=max(grid.lanes), traffic=traffic))
@@ -85,7 +85,7 @@ def reach(
 
 
 def run(
-    test: TestCourse,
+    test: EvaluationConfig,
     parameters: Parameters,
     seed: int,
     episodes: int,
@@ -105,7 +105,7 @@ def run(
     Yields:
         The outcomes of the next few points: as many as fill a block for each core, at least one.
     """
-    together = max(1, concurrent.threads() * drive.BLOCK // episodes)
+    together = max(1, concurrent.threads() * evaluator.BLOCK // episodes)
     for begin in range(first, len(points), together):
         some = points[begin : begin + together]
         numbers = [start_of(test.scenario, point) for point in some for _ in range(episodes)]
@@ -117,37 +117,36 @@ def run(
 
 
 def _drive(
-    test: TestCourse, parameters: Parameters, seed: int, first: int, numbers: Sequence[Start]
+    test: EvaluationConfig, parameters: Parameters, seed: int, first: int, numbers: Sequence[Start]
 ) -> Episodes:
     """Episodes from given starts, in blocks; the last is filled up with copies."""
     count = len(numbers)
-    filled = [*numbers, *[numbers[-1]] * (ceil(count / drive.BLOCK) * drive.BLOCK - count)]
+    filled = [*numbers, *[numbers[-1]] * (ceil(count / evaluator.BLOCK) * evaluator.BLOCK - count)]
 
-    def driven(begin: int) -> Sums:
+    def driven(begin: int) -> Result:
         block: Start = jax.tree.map(
             lambda *values: np.asarray(
                 values, np.int32 if isinstance(values[0], int) else np.float32
             ),
-            *filled[begin : begin + drive.BLOCK],
+            *filled[begin : begin + evaluator.BLOCK],
         )
         worlds = _place(test, seed, first + begin, block)
-        sums: Sums = jax.device_get(drive.drive_block(test, parameters, worlds))
-        return sums
+        found: Result = jax.device_get(evaluator.drive_block(test, parameters, worlds))
+        return found
 
-    blocks = concurrent.in_order(driven, range(0, len(filled), drive.BLOCK))
-    whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *blocks)
-    return drive.as_episodes(test.driving, whole)
+    blocks = concurrent.in_order(driven, range(0, len(filled), evaluator.BLOCK))
+    return evaluator.as_episodes(test.driving, evaluator.joined(blocks, count))
 
 
 @pinned.jit(static_argnums=0)
-def _place(test: TestCourse, seed: Array, first: Array, starts: Start) -> World:
+def _place(test: EvaluationConfig, seed: Array, first: Array, starts: Start) -> World:
     """The worlds of a block of starts."""
 
     def one(index: Array, start: Start) -> World:
         key = trap.start_key(seed, "test", index)
         return trap.place(test.scenario, start, key, test.scenario.lanes)
 
-    return jax.vmap(one)(first + jnp.arange(drive.BLOCK), starts)
+    return jax.vmap(one)(first + jnp.arange(evaluator.BLOCK), starts)
 
 
 def _outcome(found: Episodes, which: slice) -> Outcome:

@@ -1,18 +1,18 @@
 """Test a trained controller in either world, with progress; shared by the commands."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 from lanewise import interop
-from lanewise.evaluation import drive
-from lanewise.evaluation.drive import TestCourse
+from lanewise.evaluation import evaluator, stepwise
 from lanewise.evaluation.episodes import Episodes, Recording
+from lanewise.evaluation.evaluator import EvaluationConfig
+from lanewise.evaluation.stepwise import Greedy, Lanewise
 from lanewise.runs.trained import Trained
 from lanewise.system.progress import Progress
 from lanewise.training import recipe
 
 
-def test_course(trained: Trained, renewal: str | None = None) -> TestCourse:
+def evaluation_config(trained: Trained, renewal: str | None = None) -> EvaluationConfig:
     """The test of a trained controller, with its own settings."""
     return recipe.test_course(trained.settings, trained.name, renewal, trained.parts)
 
@@ -26,14 +26,15 @@ def evaluate(
     renewal: str | None = None,
 ) -> Episodes:
     """Drive the test episodes in ``lanewise`` or ``highway-env``."""
-    course = test_course(trained, renewal)
+    config = evaluation_config(trained, renewal)
     if world == "lanewise":
         reporter.stage(trained.name, episodes)
-        return drive.test(course, trained.parameters, seed, episodes, reporter.update)
-    twin = interop.twin()
+        return evaluator.evaluate(config, trained.parameters, seed, episodes, reporter.update)
+    simulator = interop.evaluation_in_highway_env().HighwayEnv()
     reporter.stage(f"{trained.name} in highway-env", episodes)
-    found: Episodes = twin.test(course, trained.parameters, seed, episodes, reporter.update)
-    return found
+    return stepwise.evaluate(
+        config, Greedy(trained.parameters), simulator, seed, episodes, reporter.update
+    )
 
 
 def record(
@@ -43,7 +44,9 @@ def record(
     if seconds is not None:
         longer = replace(trained.settings.evaluation, duration=seconds)
         trained = replace(trained, settings=replace(trained.settings, evaluation=longer))
-    recorder: Callable[..., Recording] = drive.record
+    simulator = Lanewise(size=1)
     if world == "highway-env":
-        recorder = interop.twin().record
-    return recorder(test_course(trained), trained.parameters, seed, episode)
+        simulator = interop.evaluation_in_highway_env().HighwayEnv()
+    return stepwise.record(
+        evaluation_config(trained), Greedy(trained.parameters), simulator, seed, episode
+    )

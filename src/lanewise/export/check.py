@@ -14,14 +14,12 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Controller, Memory, Parameters, Trace
 from lanewise.controllers.levels import TwoLevelMemory
 from lanewise.controllers.single_level import SingleLevel
-from lanewise.driving import episode
 from lanewise.driving.percept import Percept
-from lanewise.evaluation import drive
-from lanewise.evaluation.drive import TestCourse
+from lanewise.evaluation import evaluator
+from lanewise.evaluation.evaluator import Drive, EvaluationConfig
 from lanewise.export.numpy_policy import START, Ego
 from lanewise.runs.trained import Trained
 from lanewise.system import pinned
@@ -124,31 +122,29 @@ def agreement(
     return total
 
 
-def drives(course: TestCourse, parameters: Parameters, seed: int) -> Iterator[Decision]:
+def drives(course: EvaluationConfig, parameters: Parameters, seed: int) -> Iterator[Decision]:
     """The greedy controller's decisions from each block of starts, [T, B]."""
     first = 0
     while True:
-        worlds = drive.start_block(course, seed, first)
+        worlds = evaluator.start_block(course, seed, first)
         decisions: Decision = jax.device_get(_drive(course, parameters, worlds))
         yield decisions
-        first += drive.BLOCK
+        first += evaluator.BLOCK
 
 
 @pinned.jit(static_argnums=0)
-def _drive(course: TestCourse, parameters: Parameters, worlds: World) -> Decision:
+def _drive(course: EvaluationConfig, parameters: Parameters, worlds: World) -> Decision:
     """All episodes of a block, [T, B]."""
 
-    def decide(carry: Any, _: None) -> tuple[Any, Decision]:
-        state, memory, over = carry
-        seen = drive.look(course, state)
-        action, memory, traces = controllers.act(course.controller, parameters, memory, seen)
-        state, outcome = episode.step(course.driving, state, action, course.duration)
-        made = decision(course.controller, seen, action, memory, traces, ~over)
-        return (state, memory, over | outcome.terminated), made
+    def decide(drive: Drive, _: None) -> tuple[Drive, Decision]:
+        action, memory, traces = evaluator.act(course, parameters, drive)
+        live = ~drive.episode.outcome.over
+        made = decision(course.controller, drive.percept, action, memory, traces, live)
+        return evaluator.step(course, drive, memory, action), made
 
     def one(world: World) -> Decision:
-        carry = (*drive.begin(course, world), jnp.bool_(False))
-        made: Decision = jax.lax.scan(decide, carry, length=course.duration)[1]
+        begun = evaluator.begin(course, world)
+        made: Decision = jax.lax.scan(decide, begun, length=course.duration)[1]
         return made
 
     along_time: Decision = jax.vmap(one, out_axes=1)(worlds)

@@ -184,17 +184,17 @@ def _describe(
     after: StageState,
     metrics: ChunkMetrics,
 ) -> FirstNonfinite:
-    finished = jax.device_get(metrics.finished)
-    under_way = np.asarray(after.rollouts.tally.reward)
+    episodes = jax.device_get(metrics.episodes)
+    under_way = np.asarray(after.rollouts.episode.stats.reward)
     # An episode that ended has left its world; the facts hold its sum.
-    total = np.where(finished.done[0], finished.reward[0], under_way)
+    total = np.where(episodes.outcome.over[0], episodes.reward[0], under_way)
     return FirstNonfinite(
         stage=name,
         chunk=chunk,
         iteration=iteration,
         found=found,
         observation=np.asarray(after.rollouts.percept.features),
-        reward=total - np.asarray(before.rollouts.tally.reward),
+        reward=total - np.asarray(before.rollouts.episode.stats.reward),
         loss={
             level: float(figures.loss)
             for level, figures in metrics.levels.items()

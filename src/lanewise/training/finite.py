@@ -11,9 +11,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from lanewise.driving.episode import EpisodeStats
 from lanewise.learning.learner import Learner
 from lanewise.learning.replay import Replay
-from lanewise.training.rollout import Finished, Rollout
+from lanewise.training.rollout import Rollout
 
 
 @jax.tree_util.register_dataclass
@@ -61,14 +62,14 @@ def between(rollouts: Rollout, losses: dict[str, Array]) -> Between:
     """
     return Between(
         observation=jnp.isfinite(rollouts.percept.features).all(axis=-1),
-        reward=jnp.isfinite(rollouts.tally.reward),
+        reward=jnp.isfinite(rollouts.episode.stats.reward),
         loss={name: jnp.isfinite(loss) for name, loss in losses.items()},
     )
 
 
 def of_chunk(
     looks: Between,
-    finished: Finished,
+    episodes: EpisodeStats,
     rollouts: Rollout,
     losses: dict[str, Array],
     learners: dict[str, Learner],
@@ -78,7 +79,7 @@ def of_chunk(
 
     Args:
         looks: [n] before each iteration.
-        finished: [n, worlds] facts about the episodes that ended.
+        episodes: [n, worlds] after each decision.
         rollouts: [worlds] at the end, as all that follows.
         losses: by level that learns, [] sum over the chunk's updates.
         learners: by level that learns.
@@ -89,10 +90,10 @@ def of_chunk(
         looks,
         between(rollouts, losses),
     )
-    # The rewards of an episode that ended are no longer in its world; the facts hold their sum.
-    ended = ~finished.done | jnp.isfinite(finished.reward)
+    # The rewards of an episode that ended are no longer in its world.
+    ended = ~episodes.outcome.over | jnp.isfinite(episodes.reward)
     first = jnp.ones_like(ended[:1])
-    count, worlds = finished.done.shape
+    count, worlds = episodes.reward.shape
     return Finite(
         observation=whole.observation,
         reward=whole.reward & jnp.concatenate([first, ended]),

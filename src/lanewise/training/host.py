@@ -12,12 +12,13 @@ import jax
 import numpy as np
 
 from lanewise.controllers.controller import Parameters
+from lanewise.driving.episode import EpisodeStats
 from lanewise.errors import NumbersError
-from lanewise.evaluation import drive
-from lanewise.evaluation.drive import TestCourse
+from lanewise.evaluation import evaluator
 from lanewise.evaluation.episodes import ACCIDENTS, Episodes
+from lanewise.evaluation.evaluator import EvaluationConfig
 from lanewise.training import findings, selection, stage
-from lanewise.training.rollout import Course, Finished
+from lanewise.training.rollout import Course
 from lanewise.training.stage import ChunkMetrics, StageState
 
 VALIDATION_SEED = 0
@@ -80,7 +81,7 @@ class StagePlan:
 
     name: str
     course: Course
-    validation: TestCourse
+    validation: EvaluationConfig
     validation_episodes: int
     validation_interval: int
     """Chunks between validations."""
@@ -151,7 +152,7 @@ def book(
     """
     metrics = jax.device_get(metrics)
     _check_numbers(plan, progress.ledger, metrics)
-    lines = _episode_lines(plan, progress.ledger, metrics.finished)
+    lines = _episode_lines(plan, progress.ledger, metrics.episodes)
     ledger = _booked(plan, progress.ledger, lines)
     began = time.perf_counter()
     validation = _validate(plan, frozen, state, ledger)
@@ -201,7 +202,7 @@ def compare(plan: StagePlan, frozen: Parameters, progress: StageProgress) -> dic
 
 def _fresh(plan: StagePlan, parameters: Parameters) -> dict[str, float]:
     """Figures of greedy episodes on validation starts by which no weights were chosen."""
-    found = drive.test(plan.validation, parameters, FRESH_SEED, plan.fresh_episodes)
+    found = evaluator.evaluate(plan.validation, parameters, FRESH_SEED, plan.fresh_episodes)
     return _figures(found) | {"speed": float(np.mean(found.average_speed))}
 
 
@@ -246,7 +247,9 @@ def _validate(
         return None
     parameters = frozen | stage.online(state.learners)
     try:
-        return drive.test(plan.validation, parameters, VALIDATION_SEED, plan.validation_episodes)
+        return evaluator.evaluate(
+            plan.validation, parameters, VALIDATION_SEED, plan.validation_episodes
+        )
     except NumbersError as error:
         raise NumbersError(
             f"{plan.name}, validation after chunk {ledger.chunks}: {error}",
@@ -295,10 +298,10 @@ def _prefer(
     return replace(progress, best=jax.device_get(weights), ledger=ledger)
 
 
-def _episode_lines(plan: StagePlan, ledger: Ledger, finished: Finished) -> list[dict[str, Any]]:
-    """A line for each completed episode; ``finished`` has axes [iteration, world]."""
+def _episode_lines(plan: StagePlan, ledger: Ledger, stats: EpisodeStats) -> list[dict[str, Any]]:
+    """A line for each completed episode; ``stats`` has axes [iteration, world]."""
     lines: list[dict[str, Any]] = []
-    for iteration, world in np.argwhere(finished.done):
+    for iteration, world in np.argwhere(stats.outcome.over):
         at = (iteration, world)
         lines.append(
             {
@@ -309,13 +312,13 @@ def _episode_lines(plan: StagePlan, ledger: Ledger, finished: Finished) -> list[
                 + int(iteration) * plan.course.budget.worlds
                 + int(world)
                 + 1,
-                "escaped": bool(finished.escaped[at]),
-                "success": bool(finished.success[at]),
-                "accident": ACCIDENTS[int(finished.accident[at])],
-                "decisions": int(finished.decisions[at]),
-                "reward": float(finished.reward[at]),
-                "timestep_reward": float(finished.timestep_reward[at]),
-                "speed": float(finished.average_speed[at]),
+                "escaped": bool(stats.escaped[at]),
+                "success": bool(stats.success[at]),
+                "accident": ACCIDENTS[int(stats.outcome.accident[at])],
+                "decisions": int(stats.decisions[at]),
+                "reward": float(stats.reward[at]),
+                "timestep_reward": float(stats.timestep_reward[at]),
+                "speed": float(stats.speed_sum[at] / np.float32(stats.decisions[at])),
             }
         )
     return lines

@@ -10,7 +10,7 @@ from lanewise.controllers.controller import Parameters
 from lanewise.controllers.registry import CONTROLLERS
 from lanewise.driving.parts import OURS, Parts, named
 from lanewise.errors import SettingsError
-from lanewise.evaluation import drive
+from lanewise.evaluation import evaluator
 from lanewise.learning import network
 from lanewise.scenario.trap import SPLITS
 from lanewise.system import pinned
@@ -108,9 +108,9 @@ class TrainingPlan:
             for index, each in enumerate(self.stages):
                 state, frozen = self.progress(index)["state"], self.frozen(index)
                 jax.eval_shape(partial(stage.advance, each.course), frozen, state)
-                worlds = jax.eval_shape(partial(drive.start_block, each.validation, 0, 0))
+                worlds = jax.eval_shape(partial(evaluator.start_block, each.validation, 0, 0))
                 levels = frozen | self.weights[each.name]
-                jax.eval_shape(partial(drive.drive_block, each.validation), levels, worlds)
+                jax.eval_shape(partial(evaluator.drive_block, each.validation), levels, worlds)
         return observed
 
 

@@ -13,7 +13,7 @@ from lanewise.controllers.registry import CONTROLLERS, Stage
 from lanewise.controllers.settings import GoalSettings, PlannerSettings, SearchSettings
 from lanewise.driving.parts import OURS, Parts
 from lanewise.driving.settings import DrivingSettings
-from lanewise.evaluation.drive import BLOCK, TestCourse
+from lanewise.evaluation.evaluator import BLOCK, EvaluationConfig
 from lanewise.evaluation.settings import EvaluationSettings
 from lanewise.scenario.settings import TrapSettings
 from lanewise.training.rollout import Course
@@ -115,14 +115,16 @@ def course(settings: RecipeSettings, stage: Stage, parts: Parts = OURS) -> Cours
     )
 
 
-def validation_course(settings: RecipeSettings, stage: Stage, parts: Parts = OURS) -> TestCourse:
+def validation_course(
+    settings: RecipeSettings, stage: Stage, parts: Parts = OURS
+) -> EvaluationConfig:
     """Greedy episodes on validation starts, by which a stage's weights are chosen."""
     return replace(test_course(settings, stage.controller, parts=parts), split="validation")
 
 
 def test_course(
     settings: RecipeSettings, name: str, renewal: str | None = None, parts: Parts = OURS
-) -> TestCourse:
+) -> EvaluationConfig:
     """Greedy test episodes of a controller.
 
     `GoalSettings.test_renewal` speaks of the hierarchical controller; the others keep their goals
@@ -133,7 +135,7 @@ def test_course(
     scenario = settings.scenario
     if spec.driven_by_traffic_rules:
         scenario = replace(scenario, ego_driver="rule-based")
-    return TestCourse(
+    return EvaluationConfig(
         scenario=scenario,
         driving=settings.driving,
         controller=controller(settings, name, renewal, parts),

@@ -12,7 +12,7 @@ from jax import Array
 from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Controller, Level, Parameters
 from lanewise.driving import episode, percept
-from lanewise.driving.episode import Episode, Outcome
+from lanewise.driving.episode import Episode
 from lanewise.driving.parts import OURS, Parts
 from lanewise.driving.percept import Percept
 from lanewise.driving.settings import DrivingSettings
@@ -21,19 +21,6 @@ from lanewise.scenario.settings import TrapSettings
 from lanewise.training import transitions
 from lanewise.training.settings import BudgetSettings, LevelSettings
 from lanewise.training.transitions import Emitted, Pending
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Tally:
-    """Sums over an episode."""
-
-    reward: Array
-    """[] external rewards, one a decision."""
-    timestep_reward: Array
-    """[] the paper's accounting: one reward a second, an accident's penalty once."""
-    speed: Array
-    """[] sum of the ego's speed, m/s."""
 
 
 @jax.tree_util.register_dataclass
@@ -48,30 +35,6 @@ class Rollout:
     learns have chosen."""
     pending: dict[str, Pending]
     """By level that learns."""
-    tally: Tally
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Finished:
-    """Facts about an episode, meaningful where ``done``."""
-
-    done: Array
-    """bool []."""
-    escaped: Array
-    """bool [] the paper's success: past every trap car, whatever happened later."""
-    success: Array
-    """bool [] and no accident, not even later."""
-    accident: Array
-    """int32 []."""
-    decisions: Array
-    """int32 []."""
-    reward: Array
-    """[] one reward a decision."""
-    timestep_reward: Array
-    """[] one reward a second."""
-    average_speed: Array
-    """[] m/s."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +77,6 @@ def begin(course: Course, parameters: Parameters, key: Array) -> Rollout:
     seen = percept.of(course.driving.observation, state.world, course.parts)
     controller = course.controller
     memory = controller.perceive(controller.start(seen), seen)
-    zero = jnp.float32(0.0)
     return Rollout(
         episode=state,
         percept=seen,
@@ -123,7 +85,6 @@ def begin(course: Course, parameters: Parameters, key: Array) -> Rollout:
             name: transitions.nothing(how, course.level(name).feature_count)
             for name, how in course.learning
         },
-        tally=Tally(zero, zero, zero),
     )
 
 
@@ -133,7 +94,7 @@ def step(
     rollout: Rollout,
     epsilon: dict[str, Array],
     key: Array,
-) -> tuple[Rollout, dict[str, Emitted], Finished]:
+) -> tuple[Rollout, dict[str, Emitted]]:
     """One decision with exploration; a world whose episode ends is to be begun anew.
 
     Args:
@@ -144,16 +105,16 @@ def step(
         key: random key of this decision's exploration in this world.
 
     Returns:
-        The world after the decision, what each learning level leaves for its replay, and facts
-        about the episode, meaningful if it ended.
+        The world after the decision, and what each learning level leaves for its replay.
     """
     controller = course.controller
     pending, memory = _choose(course, parameters, rollout, epsilon, key)
     before = controller.feedback(memory, rollout.percept).distance
     action, memory = controller.act(memory, rollout.percept)
-    state, outcome = episode.step(
+    state = episode.step(
         course.driving, rollout.episode, action, course.budget.duration, course.parts
     )
+    outcome = state.outcome
     seen = percept.of(course.driving.observation, state.world, course.parts)
     feedback = controller.feedback(memory, seen)
     memory = _settle(course, parameters, controller.perceive(memory, seen), seen)
@@ -165,10 +126,7 @@ def step(
         emitted[name] = transitions.emit(
             how, pending[name], outcome, feedback, level.features(memory, seen), level.ready(memory)
         )
-    tally = _count(course.driving, rollout.tally, state, outcome)
-    done = outcome.terminated | outcome.truncated
-    finished = _finish(state, outcome, tally, done)
-    return Rollout(state, seen, memory, pending, tally), emitted, finished
+    return Rollout(state, seen, memory, pending), emitted
 
 
 def _settle(course: Course, parameters: Parameters, memory: Any, seen: Percept) -> Any:
@@ -204,27 +162,3 @@ def _choose(
         pending[level.name] = jax.tree.map(partial(jnp.where, ready), pushed, pending[level.name])
         memory = level.choose(memory, seen, choice)
     return pending, memory
-
-
-def _count(driving: DrivingSettings, tally: Tally, state: Episode, outcome: Outcome) -> Tally:
-    """Sums after one more decision."""
-    counts = episode.ends_timestep(driving, state, outcome)
-    return Tally(
-        reward=tally.reward + outcome.reward,
-        timestep_reward=tally.timestep_reward + jnp.where(counts, outcome.reward, 0.0),
-        speed=tally.speed + state.world.vehicles.speed[0],
-    )
-
-
-def _finish(state: Episode, outcome: Outcome, tally: Tally, done: Array) -> Finished:
-    """The facts of the episode as it stands."""
-    return Finished(
-        done=done,
-        escaped=state.escaped,
-        success=state.escaped & ~outcome.terminated,
-        accident=outcome.accident,
-        decisions=state.decisions,
-        reward=tally.reward,
-        timestep_reward=tally.timestep_reward,
-        average_speed=tally.speed / state.decisions,
-    )

@@ -15,13 +15,14 @@ from jax import Array
 
 from lanewise.controllers.controller import Parameters
 from lanewise.driving import restart
+from lanewise.driving.episode import EpisodeStats
 from lanewise.learning import exploration, learner, replay
 from lanewise.learning.learner import Learner
 from lanewise.learning.replay import Replay
 from lanewise.system import pinned
 from lanewise.training import finite, rollout
 from lanewise.training.finite import Between, Finite
-from lanewise.training.rollout import Course, Finished, Rollout
+from lanewise.training.rollout import Course, Rollout
 from lanewise.training.settings import LevelSettings
 from lanewise.training.transitions import Emitted
 
@@ -74,8 +75,8 @@ class LevelMetrics:
 class ChunkMetrics:
     """What a chunk reports; the host makes lines and curves of it."""
 
-    finished: Finished
-    """[CHUNK, worlds] facts about episodes, meaningful where ``done``."""
+    episodes: EpisodeStats
+    """[CHUNK, worlds] after each decision; whole episodes where ``outcome.over``."""
     levels: dict[str, LevelMetrics]
     """By level that learns."""
     finite: Finite
@@ -139,16 +140,16 @@ def iterate(
     """As `advance`, by any number of iterations, to be compiled by the caller."""
     zero = jnp.float32(0.0)
     nothing: dict[str, Sums] = {name: (zero, zero, zero) for name, _ in course.learning}
-    (state, sums), (finished, looks) = jax.lax.scan(
+    (state, sums), (episodes, looks) = jax.lax.scan(
         partial(_iterate, course, frozen), (state, nothing), length=count
     )
     levels = {
         name: _level_metrics(course, how, state, name, sums[name]) for name, how in course.learning
     }
     found = finite.of_chunk(
-        looks, finished, state.rollouts, _losses(sums), state.learners, state.replays
+        looks, episodes, state.rollouts, _losses(sums), state.learners, state.replays
     )
-    return state, ChunkMetrics(finished=finished, levels=levels, finite=found)
+    return state, ChunkMetrics(episodes=episodes, levels=levels, finite=found)
 
 
 def _losses(sums: dict[str, Sums]) -> dict[str, Array]:
@@ -180,12 +181,12 @@ def epsilon(how: LevelSettings, worlds: int, iteration: Array) -> Array:
 
 def _iterate(
     course: Course, frozen: Parameters, carry: tuple[StageState, dict[str, Sums]], _: None
-) -> tuple[tuple[StageState, dict[str, Sums]], tuple[Finished, Between]]:
+) -> tuple[tuple[StageState, dict[str, Sums]], tuple[EpisodeStats, Between]]:
     """One decision in every world, then the updates that are due."""
     state, sums = carry
     looked = finite.between(state.rollouts, _losses(sums))
     step_key, update_key = jax.random.split(jax.random.fold_in(state.key, state.iteration + 2))
-    state, finished = _drive(course, frozen, state, step_key)
+    state, stats = _drive(course, frozen, state, step_key)
     learners = dict(state.learners)
     sums = dict(sums)
     for number, (name, how) in enumerate(course.learning):
@@ -193,28 +194,29 @@ def _iterate(
         learners[name], sums[name] = _learn(
             how, learners[name], state.replays[name], sums[name], due, _of_level(update_key, number)
         )
-    return (replace(state, learners=learners), sums), (finished, looked)
+    return (replace(state, learners=learners), sums), (stats, looked)
 
 
 def _drive(
     course: Course, frozen: Parameters, state: StageState, key: Array
-) -> tuple[StageState, Finished]:
+) -> tuple[StageState, EpisodeStats]:
     """One decision in every world; complete transitions go to the replays."""
     parameters = frozen | online(state.learners)
     worlds = course.budget.worlds
     now = {name: epsilon(how, worlds, state.iteration) for name, how in course.learning}
     keys, start_keys = jax.vmap(jax.random.split, out_axes=1)(jax.random.split(key, worlds))
-    rollouts, emitted, finished = jax.vmap(
+    rollouts, emitted = jax.vmap(
         lambda world, world_key: rollout.step(course, parameters, world, now, world_key)
     )(state.rollouts, keys)
+    stats = rollouts.episode.stats
     rollouts = restart.where(
-        finished.done,
+        stats.outcome.over,
         rollouts,
         lambda over: jax.vmap(partial(rollout.begin, course, parameters))(start_keys[over]),
     )
     replays = {name: _add(state.replays[name], emitted[name]) for name, _ in course.learning}
     after = replace(state, iteration=state.iteration + 1, replays=replays, rollouts=rollouts)
-    return after, finished
+    return after, stats
 
 
 def _add(memory: Replay, emitted: Emitted) -> Replay:

@@ -13,10 +13,11 @@ from lanewise.controllers.rule_based import RuleBased
 from lanewise.controllers.settings import PlannerSettings
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.settings import DrivingSettings
-from lanewise.evaluation import drive
-from lanewise.evaluation.drive import TestCourse as Course
-from lanewise.interop import drive as twin
+from lanewise.evaluation import evaluator, stepwise
+from lanewise.evaluation.evaluator import EvaluationConfig
+from lanewise.evaluation.stepwise import Greedy, Lanewise
 from lanewise.interop import highway_env
+from lanewise.interop.highway_env_evaluation import HighwayEnv
 from lanewise.learning import network
 from lanewise.scenario.settings import TrapSettings
 
@@ -48,12 +49,12 @@ class BrakeAndPass(SingleLevel):
     ],
 )
 def test_outcomes_are_identical(controller, expected, monkeypatch):
-    monkeypatch.setattr(drive, "BLOCK", 2)
-    course = Course(TrapSettings(), DrivingSettings(), controller, 50)
+    monkeypatch.setattr(evaluator, "BLOCK", 2)
+    course = EvaluationConfig(TrapSettings(), DrivingSettings(), controller, 50)
     parameters = {"single_level": network.init(jax.random.key(2), 26, (16,), 9)}
     told = []
-    ours = drive.test(course, parameters, 11, 2)
-    theirs = twin.test(course, parameters, 11, 2, told.append)
+    ours = evaluator.evaluate(course, parameters, 11, 2)
+    theirs = stepwise.evaluate(course, Greedy(parameters), HighwayEnv(), 11, 2, told.append)
     assert told == [1, 2]
     for name in ("success", "accident", "duration", "escape_time", "goals"):
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
@@ -68,16 +69,19 @@ def test_outcomes_are_identical(controller, expected, monkeypatch):
 @pytest.mark.slow
 def test_the_rule_based_ego_drives_alike_in_both_worlds(monkeypatch):
     """Behind a gap wide enough to change lanes, so that it does more than follow."""
-    monkeypatch.setattr(drive, "BLOCK", 4)
+    monkeypatch.setattr(evaluator, "BLOCK", 4)
     scenario = TrapSettings(ego_driver="rule-based", test_side_distance=100.0, ego_speed=12.0)
     for one in (TrapSettings(ego_driver="rule-based"), scenario):
-        course = Course(one, DrivingSettings(), RuleBased(), 50)
-        ours, theirs = drive.test(course, {}, 3, 4), twin.test(course, {}, 3, 4)
+        course = EvaluationConfig(one, DrivingSettings(), RuleBased(), 50)
+        ours, theirs = (
+            evaluator.evaluate(course, {}, 3, 4),
+            stepwise.evaluate(course, Greedy({}), HighwayEnv(), 3, 4),
+        )
         np.testing.assert_array_equal(ours.success, theirs.success)
         np.testing.assert_array_equal(ours.accident, theirs.accident)
         for name in ("accumulated_reward", "average_speed", "travel_distance"):
             np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), rtol=1e-4)
-    recording = drive.record(course, {}, 3, 0)
+    recording = stepwise.record(course, Greedy({}), Lanewise(1), 3, 0)
     assert np.ptp(recording.y[:, 0]) > 3.5
 
 
@@ -87,9 +91,9 @@ def test_the_rule_based_ego_drives_alike_in_both_worlds(monkeypatch):
 def test_the_live_environment_ends_after_the_simulated_duration(
     simulation, decision, seconds, decisions
 ):
-    course = Course(TrapSettings(), DrivingSettings(), SingleLevel(), 50)
+    course = EvaluationConfig(TrapSettings(), DrivingSettings(), SingleLevel(), 50)
     env = highway_env.build_env(
-        jax.device_get(drive.start(course, 0, 0)),
+        jax.device_get(evaluator.start(course, 0, 0)),
         simulation_frequency=simulation,
         decision_frequency=decision,
         duration=seconds,

@@ -13,7 +13,7 @@ import pytest
 import lanewise
 from lanewise import api, config
 from lanewise.errors import LanewiseError
-from lanewise.evaluation import drive, metrics, outside, policies
+from lanewise.evaluation import evaluator, external_policy, metrics, stepwise
 from lanewise.learning import network
 from lanewise.training import recipe
 from lanewise.world import build, road
@@ -56,7 +56,7 @@ def alike(found, expected):
 
 @pytest.fixture(scope="module")
 def ours():
-    return drive.test(recipe.test_course(SETTINGS, "single-level"), PARAMETERS, 0, EPISODES)
+    return evaluator.evaluate(recipe.test_course(SETTINGS, "single-level"), PARAMETERS, 0, EPISODES)
 
 
 def idle(seen):
@@ -74,9 +74,9 @@ def test_observations_may_be_written_to():
 @pytest.mark.slow
 def test_another_name_is_not_compiled_anew():
     lanewise.evaluate(lambda seen: 4, episodes=1)
-    before = outside._advance.__wrapped__._cache_size()
+    before = stepwise._step.__wrapped__._cache_size()
     found = lanewise.evaluate(lambda seen: 5, episodes=1, name="another")
-    assert outside._advance.__wrapped__._cache_size() == before
+    assert stepwise._step.__wrapped__._cache_size() == before
     assert found.summary.controller == found.record().controller == "another"
 
 
@@ -113,7 +113,7 @@ def test_a_recurrent_agent_keeps_its_state_within_a_block_and_no_longer():
 @pytest.mark.slow
 def test_goals():
     course = recipe.test_course(SETTINGS, "planned")
-    expected = drive.test(course, PARAMETERS, 0, 40)
+    expected = evaluator.evaluate(course, PARAMETERS, 0, 40)
     found = lanewise.evaluate(greedy("high_level"), actions="goal", episodes=40)
     alike(found.episodes, expected)
     assert found.episodes.goals.sum() > 0
@@ -315,7 +315,7 @@ def test_continuous_answers_may_differ_by_rounding():
         asked.append(seen)
         return np.full((len(seen), 2), 0.5 + 1e-6 * (len(asked) % 2))
 
-    decide = policies.decider(rounding, True, 0)
+    decide = external_policy.decider(rounding, True, 0)
     for decision in range(8):
         decide(np.zeros((3, 26), np.float32), np.ones(3, bool), decision == 0)
 
@@ -344,7 +344,7 @@ RETURNED = {
 def test_what_is_no_action_is_refused_in_a_line(actions, policy, batched):
     count = 0 if actions == "continuous" else 9
     given = None if hasattr(policy, "predict") else batched
-    decide = policies.decider(policy, given, count)
+    decide = external_policy.decider(policy, given, count)
     with pytest.raises(LanewiseError, match="the policy must return") as refused:
         decide(np.zeros((4, 26), np.float32), np.ones(4, bool), True)
     assert len(str(refused.value).splitlines()) == 1

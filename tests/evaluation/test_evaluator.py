@@ -1,5 +1,4 @@
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -11,8 +10,9 @@ from lanewise.controllers.planned import Planned
 from lanewise.controllers.settings import GoalSettings, PlannerSettings
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.settings import DrivingSettings
-from lanewise.evaluation import drive, metrics
-from lanewise.evaluation.drive import TestCourse as Course
+from lanewise.evaluation import evaluator, metrics, stepwise
+from lanewise.evaluation.evaluator import EvaluationConfig
+from lanewise.evaluation.stepwise import Greedy, Lanewise
 from lanewise.learning import network
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
 
@@ -54,7 +54,7 @@ class Rightwards(Planned):
 
 
 def course_of(scenario, controller, duration=50):
-    return Course(scenario, DrivingSettings(), controller, duration)
+    return EvaluationConfig(scenario, DrivingSettings(), controller, duration)
 
 
 def parameters(seed=0):
@@ -62,9 +62,9 @@ def parameters(seed=0):
 
 
 def test_an_idle_ego_on_an_empty_road_in_closed_form(monkeypatch):
-    monkeypatch.setattr(drive, "BLOCK", 2)
+    monkeypatch.setattr(evaluator, "BLOCK", 2)
     scenario = replace(EMPTY, test_side_distance=60.0, trap_speed=10.0, ego_speed=10.0)
-    found = drive.test(course_of(scenario, Constant()), parameters(), 0, 2)
+    found = evaluator.evaluate(course_of(scenario, Constant()), parameters(), 0, 2)
     reward = (1.5 * (2 / 75 * 10 - 2 / 15) + 0.05) / 1.6
     np.testing.assert_allclose(found.accumulated_reward, 25 * reward, rtol=1e-5)
     np.testing.assert_allclose(found.travel_distance, 250.0, rtol=1e-5)
@@ -77,20 +77,20 @@ def test_an_idle_ego_on_an_empty_road_in_closed_form(monkeypatch):
 
 
 def test_the_distance_counts_from_where_the_drive_began(monkeypatch):
-    monkeypatch.setattr(drive, "BLOCK", 2)
+    monkeypatch.setattr(evaluator, "BLOCK", 2)
     scenario = replace(EMPTY, test_side_distance=60.0, trap_speed=10.0, ego_speed=10.0)
     course = course_of(scenario, Constant())
-    worlds = drive.start_block(course, 0, 0)
+    worlds = evaluator.start_block(course, 0, 0)
     x = worlds.vehicles.x + jnp.array([[500.0], [-2000.0]])
     further = replace(worlds, vehicles=replace(worlds.vehicles, x=x))
-    sums = drive.drive_block(course, parameters(), further)
-    np.testing.assert_allclose(sums.distance, 250.0, rtol=1e-5)
+    found = evaluator.drive_block(course, parameters(), further)
+    np.testing.assert_allclose(found.stats.distance, 250.0, rtol=1e-5)
 
 
 def test_an_accident_adds_its_penalty_once_and_ends_the_sums(monkeypatch):
     """Braking from 2.25 m/s at 1 m/s^2 the ego is below 0.1 m/s after five decisions."""
-    monkeypatch.setattr(drive, "BLOCK", 1)
-    found = drive.test(
+    monkeypatch.setattr(evaluator, "BLOCK", 1)
+    found = evaluator.evaluate(
         course_of(replace(EMPTY, ego_speed=2.25), Constant(action=1)), parameters(), 0, 1
     )
     assert found.accident.tolist() == [3]
@@ -104,13 +104,13 @@ def test_an_accident_adds_its_penalty_once_and_ends_the_sums(monkeypatch):
 
 
 def test_episodes_do_not_depend_on_how_many_are_driven_with_them(monkeypatch):
-    monkeypatch.setattr(drive, "BLOCK", 4)
+    monkeypatch.setattr(evaluator, "BLOCK", 4)
     course = replace(
         course_of(TrapSettings(training_front_distance=(8.0, 30.0)), Constant(action=7), 12),
         split="training",
     )
     weights = parameters()
-    many, few = (drive.test(course, weights, 3, count) for count in (10, 5))
+    many, few = (evaluator.evaluate(course, weights, 3, count) for count in (10, 5))
     assert len(few) == 5
     for name in vars(few):
         np.testing.assert_array_equal(getattr(few, name), getattr(many, name)[:5])
@@ -118,44 +118,11 @@ def test_episodes_do_not_depend_on_how_many_are_driven_with_them(monkeypatch):
     assert len(np.unique(many.accumulated_reward)) > 1
 
 
-def decided(decisions, speed, escaped, terminated=False):
-    """An episode and its outcome after so many decisions."""
-    vehicles = SimpleNamespace(x=jnp.array([5.0 * decisions]), speed=jnp.array([speed]))
-    state = SimpleNamespace(
-        world=SimpleNamespace(vehicles=vehicles),
-        decisions=jnp.int32(decisions),
-        escaped=jnp.bool_(escaped),
-    )
-    return state, SimpleNamespace(
-        reward=jnp.float32(1.0),
-        accident=jnp.int32(terminated),
-        terminated=jnp.bool_(terminated),
-        truncated=jnp.bool_(False),
-    )
-
-
-def test_the_escape_time_is_the_first_and_an_accident_takes_success_away():
-    driving, sums = DrivingSettings(), drive.nothing_yet(0.0)
-    for number, escaped in enumerate((False, True, True), start=1):
-        sums = drive.gather(driving, sums, *decided(number, 10.0, escaped), None)
-    crashed = drive.gather(driving, sums, *decided(4, 6.0, True, terminated=True), None)
-    # After the end nothing counts any more.
-    over = drive.gather(driving, crashed, *decided(5, 99.0, True), None)
-    found = drive.as_episodes(driving, jax.tree.map(lambda *a: np.array(a), sums, crashed, over))
-    assert found.escape_time.tolist() == [1.0, 1.0, 1.0]
-    assert found.success.tolist() == [True, False, False]
-    assert found.accident.tolist() == [0, 1, 1]
-    assert found.duration.tolist() == [1.5, 2.0, 2.0]
-    np.testing.assert_allclose(found.average_speed, [10.0, 9.0, 9.0])
-    # One reward at the end of the first second; the accident's is at the end of the next.
-    assert found.accumulated_reward.tolist() == [1.0, 2.0, 2.0]
-
-
 def test_a_drive_past_the_trap_that_then_stops_has_the_papers_success_and_not_ours(monkeypatch):
     """Both trap cars start behind an ego that brakes to a stop."""
-    monkeypatch.setattr(drive, "BLOCK", 1)
+    monkeypatch.setattr(evaluator, "BLOCK", 1)
     behind = replace(EMPTY, ego_speed=2.25, test_front_distance=-60.0)
-    found = drive.test(course_of(behind, Constant(action=1)), parameters(), 0, 1)
+    found = evaluator.evaluate(course_of(behind, Constant(action=1)), parameters(), 0, 1)
     assert (found.accident.tolist(), found.escape_time.tolist()) == ([3], [0.5])
     summary = metrics.summarise(found, controller="single-level", world="lanewise")
     assert (summary.values["escape_rate"], summary.values["success_rate"]) == (1.0, 0.0)
@@ -163,10 +130,10 @@ def test_a_drive_past_the_trap_that_then_stops_has_the_papers_success_and_not_ou
 
 @pytest.mark.slow
 def test_a_recording_agrees_with_the_test(monkeypatch):
-    monkeypatch.setattr(drive, "BLOCK", 1)
+    monkeypatch.setattr(evaluator, "BLOCK", 1)
     course = course_of(EMPTY, Constant(), 16)
-    found = drive.test(course, parameters(), 0, 1)
-    recording = drive.record(course, parameters(), 0, 0)
+    found = evaluator.evaluate(course, parameters(), 0, 1)
+    recording = stepwise.record(course, Greedy(parameters()), Lanewise(1), 0, 0)
     assert recording.x.shape == (17, 3)
     assert recording.x[-1, 0] == pytest.approx(found.travel_distance[0])
     assert recording.accumulated_reward[-1] == pytest.approx(found.accumulated_reward[0])
@@ -180,12 +147,12 @@ def test_a_recording_agrees_with_the_test(monkeypatch):
 
 def test_a_recording_counts_the_goals_as_the_goal_critic_does(monkeypatch):
     """Recounted from the frames alone: reached by the paper's thresholds, or given up in time."""
-    monkeypatch.setattr(drive, "BLOCK", 1)
+    monkeypatch.setattr(evaluator, "BLOCK", 1)
     goals = GoalSettings(time_limit=1.5)
     controller = Rightwards(DrivingSettings(), goals, PlannerSettings(), "critic")
     course = course_of(EMPTY, controller, 24)
     weights = {"high_level": network.init(jax.random.key(1), 26, (8,), 9)}
-    recording = drive.record(course, weights, 0, 0)
+    recording = stepwise.record(course, Greedy(weights), Lanewise(1), 0, 0)
     along = recording.speed[:, 0] * np.cos(recording.heading[:, 0])
     ended, timed_out, age = [0, 0], [0, 0], 1
     for seen in range(1, len(recording.time) - 1):

@@ -1,0 +1,261 @@
+"""Test episodes decision by decision: to record them, for anyone's policy, in another simulator.
+
+A *policy* chooses for a batch of drives, a *simulator* moves their worlds on; what is counted is
+what `lanewise.evaluation.evaluator` counts.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from lanewise.controllers.controller import Memory, Parameters
+from lanewise.evaluation import evaluator
+from lanewise.evaluation.episodes import Episodes, Recording
+from lanewise.evaluation.evaluator import BLOCK, Drive, EvaluationConfig
+from lanewise.evaluation.external_policy import Decide
+from lanewise.scenario import trap
+from lanewise.system import pinned
+from lanewise.world.state import World
+
+Booleans = NDArray[np.bool_]
+
+
+class Policy(Protocol):
+    """Who chooses, for a batch of B drives."""
+
+    def __call__(
+        self, config: EvaluationConfig, drive: Drive, wanted: Booleans, first: bool
+    ) -> tuple[Array, Memory]:
+        """The next decision.
+
+        Args:
+            config: the test.
+            drive: [B] under way.
+            wanted: bool [B] whose actions count.
+            first: whether this is the first decision of the episodes.
+
+        Returns:
+            ([B] low-level actions or [B, 2] continuous ones, [B] the controller's memories).
+        """
+
+
+class Simulator(Protocol):
+    """Who moves the worlds on, for a batch of B drives."""
+
+    @property
+    def size(self) -> int:
+        """B."""
+
+    def begin(self, config: EvaluationConfig, seed: int, first: int) -> Drive:
+        """Episodes ``first`` to ``first + B - 1`` of a seed at their start."""
+
+    def step(self, config: EvaluationConfig, drive: Drive, memory: Memory, action: Array) -> Drive:
+        """The drives after a decision."""
+
+
+@dataclass(frozen=True)
+class Lanewise:
+    """Our world: blocks, or one episode at a time."""
+
+    size: int = BLOCK
+
+    def begin(self, config: EvaluationConfig, seed: int, first: int) -> Drive:
+        """As of `Simulator`."""
+        block = first - first % BLOCK
+        place = slice(first - block, first - block + self.size)
+        worlds = evaluator.start_block(config, seed, block)
+        return _begin(config, jax.tree.map(lambda leaf: leaf[place], worlds))
+
+    def step(self, config: EvaluationConfig, drive: Drive, memory: Memory, action: Array) -> Drive:
+        """As of `Simulator`."""
+        found: Drive = _step(config, drive, memory, action)
+        return found
+
+
+@dataclass(frozen=True)
+class Greedy:
+    """A controller's own networks choose."""
+
+    parameters: Parameters
+
+    def __call__(
+        self, config: EvaluationConfig, drive: Drive, wanted: Booleans, first: bool
+    ) -> tuple[Array, Memory]:
+        """As of `Policy`."""
+        found: tuple[Array, Memory] = _act(config, self.parameters, drive)
+        return found
+
+
+@dataclass(frozen=True)
+class External:
+    """Anyone's policy takes the place of the one network of a controller, or of the controller."""
+
+    decide: Decide
+
+    def __call__(
+        self, config: EvaluationConfig, drive: Drive, wanted: Booleans, first: bool
+    ) -> tuple[Array, Memory]:
+        """As of `Policy`; a continuous action is one already."""
+        choices = jnp.asarray(self.decide(np.asarray(drive.percept.features), wanted, first))
+        if jnp.issubdtype(choices.dtype, jnp.floating):
+            return choices, drive.memory
+        found: tuple[Array, Memory] = _choose(config, drive, choices)
+        return found
+
+
+def evaluate(
+    config: EvaluationConfig,
+    policy: Policy,
+    simulator: Simulator,
+    seed: int,
+    count: int,
+    done: Callable[[int], None] = lambda count: None,
+) -> Episodes:
+    """Drive episodes 0 to ``count - 1`` of ``seed``, as `evaluator.evaluate` does.
+
+    Args:
+        config: scenario, rules, duration, split, and the controller that takes the choices.
+        policy: who chooses.
+        simulator: who moves the worlds on.
+        seed: of the starts.
+        count: number of episodes.
+        done: called with the number of episodes done.
+
+    Returns:
+        Their outcomes, in order.
+
+    Raises:
+        LanewiseError: the policy chose something that does not exist.
+    """
+    blocks = []
+    for first in range(0, count, simulator.size):
+        wanted = first + np.arange(simulator.size) < count
+        *_, last = _drive(config, policy, simulator, seed, first, wanted)
+        blocks.append(jax.device_get(evaluator.result(config, last)))
+        done(min(count, first + simulator.size))
+    return evaluator.as_episodes(config.driving, evaluator.joined(blocks, count))
+
+
+def record(
+    config: EvaluationConfig, policy: Policy, simulator: Simulator, seed: int, index: int
+) -> Recording:
+    """Drive episode ``index`` of ``seed`` and keep every frame.
+
+    It is driven with the others of its batch, so that it is the episode that `evaluate` drives.
+    """
+    place = index % simulator.size
+    wanted = np.arange(simulator.size) == place
+    frames = [
+        jax.tree.map(lambda leaf: np.asarray(leaf[place]), drive)
+        for drive in _drive(config, policy, simulator, seed, index - place, wanted)
+    ]
+    return _recording(config, frames)
+
+
+def _drive(
+    config: EvaluationConfig,
+    policy: Policy,
+    simulator: Simulator,
+    seed: int,
+    first: int,
+    wanted: Booleans,
+) -> Iterator[Drive]:
+    """A batch of drives, from the start on after each decision, until those wanted are over."""
+    drive = simulator.begin(config, seed, first)
+    yield drive
+    going = wanted
+    for number in range(config.duration):
+        action, memory = policy(config, drive, going, number == 0)
+        drive = simulator.step(config, drive, memory, action)
+        yield drive
+        going = wanted & ~np.asarray(drive.episode.outcome.over)
+        if not going.any():
+            return
+
+
+@pinned.jit(static_argnums=0)
+def _begin(config: EvaluationConfig, worlds: World) -> Drive:
+    def one(world: World) -> Drive:
+        return evaluator.begin(config, world)
+
+    found: Drive = jax.vmap(one)(worlds)
+    return found
+
+
+@pinned.jit(static_argnums=0)
+def _act(config: EvaluationConfig, parameters: Parameters, drive: Drive) -> tuple[Array, Memory]:
+    def one(drive: Drive) -> tuple[Array, Memory]:
+        return evaluator.act(config, parameters, drive)[:2]
+
+    found: tuple[Array, Memory] = jax.vmap(one)(drive)
+    return found
+
+
+@pinned.jit(static_argnums=0)
+def _choose(config: EvaluationConfig, drive: Drive, choices: Array) -> tuple[Array, Memory]:
+    """The action that a choice leads to: ``choices`` take the place of the network's."""
+    controller = config.controller
+    (level,) = controller.levels
+
+    def one(drive: Drive, choice: Array) -> tuple[Array, Memory]:
+        memory = controller.perceive(drive.memory, drive.percept)
+        memory = level.choose(memory, drive.percept, choice)
+        return controller.act(memory, drive.percept)
+
+    found: tuple[Array, Memory] = jax.vmap(one)(drive, choices)
+    return found
+
+
+@pinned.jit(static_argnums=0)
+def _step(config: EvaluationConfig, drive: Drive, memory: Memory, action: Array) -> Drive:
+    def one(drive: Drive, memory: Memory, action: Array) -> Drive:
+        return evaluator.step(config, drive, memory, action)
+
+    found: Drive = jax.vmap(one)(drive, memory, action)
+    return found
+
+
+def _recording(config: EvaluationConfig, frames: Sequence[Drive]) -> Recording:
+    """A recording from the drive at the start and after each decision."""
+    stacked: Any = jax.tree.map(lambda *leaf: np.stack(leaf), *frames)
+    world, stats = stacked.episode.world, stacked.episode.stats
+    first: World = frames[0].episode.world
+    vehicles, goal = world.vehicles, config.controller.goal(stacked.memory)
+    count = len(frames)
+    # The goal under way in the first frame is the one that its decision sets.
+    under_way = np.maximum(np.arange(count), 1)
+
+    def of_goal(values: Any, dtype: type = np.int64) -> NDArray[Any]:
+        return np.asarray(values, dtype)[under_way]
+
+    ended = np.zeros(count) if goal is None else np.asarray(goal.ended)
+    timed_out = np.zeros(count) if goal is None else np.asarray(goal.timed_out)
+    return Recording(
+        controller=config.controller.name,
+        time=np.arange(count, dtype=np.float64) * config.driving.decision_duration,
+        x=np.asarray(vehicles.x, np.float64),
+        y=np.asarray(vehicles.y, np.float64),
+        heading=np.asarray(vehicles.heading, np.float64),
+        speed=np.asarray(vehicles.speed, np.float64),
+        crashed=np.asarray(vehicles.crashed, np.bool_),
+        present=np.asarray(first.vehicles.present),
+        role=trap.roles(first),
+        length=np.asarray(first.drivers.length, np.float64),
+        width=np.asarray(first.drivers.width, np.float64),
+        lane_centre=np.asarray(first.road.centre, np.float64)[first.road.present],
+        lane_width=np.asarray(first.road.width, np.float64)[first.road.present],
+        goal_lane=of_goal(np.full(count, -1) if goal is None else goal.goal.lane),
+        goal_speed=of_goal(np.full(count, np.nan) if goal is None else goal.goal.speed, np.float64),
+        goals_ended=np.asarray(ended, np.int64),
+        goals_timed_out=np.asarray(timed_out, np.int64),
+        reward=np.asarray(stats.outcome.reward, np.float64),
+        accumulated_reward=np.asarray(stats.timestep_reward, np.float64),
+        escaped=np.asarray(stats.escaped, np.bool_),
+        accident=int(stats.outcome.accident[-1]),
+    )
