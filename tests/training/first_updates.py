@@ -53,11 +53,11 @@ def first_updates(arm):
 
 
 def _chunk(metrics):
-    done = metrics.finished.done
+    done = metrics.episodes.outcome.over
     return {
         "episodes": int(done.sum()),
-        "accidents": int((metrics.finished.accident[done] > 0).sum()),
-        "reward": float(metrics.finished.reward[done].sum()),
+        "accidents": int((metrics.episodes.outcome.accident[done] > 0).sum()),
+        "reward": float(metrics.episodes.reward[done].sum()),
         "levels": {
             name: {
                 "updates": int(level.updates),

@@ -350,7 +350,7 @@ def test_a_held_choice_is_one_transition():
     parameters = {"single_level": network.init(jax.random.key(2), 26, (8,), 9)}
     _, (worlds, emitted, stats) = drive(course, parameters, 40, 0.5)
     flat = emitted["single_level"]
-    decisions = np.asarray(worlds.episode.decisions)
+    decisions = np.asarray(worlds.episode.stats.decisions)
     complete = np.asarray(flat.complete)[:, 0]
     np.testing.assert_array_equal(complete, (decisions % 4 == 0) | np.asarray(stats.outcome.over))
     whole = complete & ~np.asarray(stats.outcome.over)
