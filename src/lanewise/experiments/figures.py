@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lanewise.experiments.results import WORLDS, ArmResult, SeedResult
+from lanewise.evaluation.settings import WORLDS
+from lanewise.experiments.results import ArmResult, SeedResult
 from lanewise.report import (
     film_strip,
     framework,
