@@ -9,7 +9,7 @@ import timing
 
 from lanewise.driving import accidents, actions
 from lanewise.envs import functional
-from lanewise.interop import drive
+from lanewise.interop import highway_env_evaluation
 
 STARTS = 64
 ENDINGS = ("collision", "off_road", "stopped", "truncated")
@@ -32,7 +32,7 @@ class Starts:
     def env(self, index):
         """highway-env at a start; after the last one they begin again."""
         world = self.worlds[index % len(self.worlds)]
-        return drive.live(self.task.rules.driving, world, self.task.rules.duration)
+        return highway_env_evaluation.live(self.task.rules.driving, world, self.task.rules.duration)
 
     def accident(self, env):
         """Code of the accident the ego is in."""

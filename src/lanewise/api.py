@@ -309,14 +309,12 @@ def _ours(
     if parts is not None and parts != controller.parts:
         made = "; ".join(controller.parts.names()) or "no parts of the user's own"
         raise RunError(f"parts: {controller.name} was made with {made}; give no others")
+    config = evaluate_trained.evaluation_config(controller)
     with Progress(quiet=quiet) as reporter:
-        config = evaluate_trained.evaluation_config(controller)
         found = evaluate_trained.evaluate(controller, world, episodes, seed, reporter)
     return Evaluation(
         episodes=found,
-        summary=_summary(
-            found, controller.name, world, evaluate_trained.evaluation_config(controller)
-        ),
+        summary=_summary(found, controller.name, world, config),
         _record=partial(evaluate_trained.record, controller, world, seed),
     )
 

@@ -17,9 +17,6 @@ def test_all_is_well(capsys):
     assert "highway-env 1.12.1" in said
     assert "broken" not in said
     assert all(len(line) < 200 for line in said.splitlines())
-
-
-def test_for_programs(capsys):
     assert main(["doctor", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["machine"]["backend"] in ("cpu", "gpu")

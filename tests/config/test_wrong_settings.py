@@ -16,11 +16,11 @@ import pytest
 
 import lanewise
 from lanewise import config
-from lanewise.cli import main
+from lanewise.cli.main import main
 from lanewise.errors import LanewiseError
 
 SETTINGS = config.flatten(config.compose())
-FIELDS = config.kinds()
+FIELDS = config.field_types()
 NOUNS = {int: "whole number", float: "number", bool: "true or false"}
 TRAIN = ("train", "hierarchical", "--out", "taken")
 """The folder is taken, so that a mistake that is let in starts nothing."""
@@ -194,7 +194,7 @@ def test_a_right_setting_is_let_in():
 
 def test_a_process_refuses_without_jax_and_leaves_nothing(tmp_path):
     program = (
-        "import sys; from lanewise.cli import main; begin = ['train', 'planned', '--out', 'new']\n"
+        "import sys; from lanewise.cli.main import main; begin = ['train', 'planned', '--out', 'new']\n"
         "codes = [main([*begin, *words.split()]) for words in sys.argv[1:]]\n"
         "print(codes, 'jax' in sys.modules)"
     )

@@ -161,10 +161,10 @@ def test_numbers_may_be_of_numpy(count):
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ({"num_envs": 0}, "num_envs must be at least 1, got 0"),
+        ({"num_envs": 0}, "num_envs must be between 1 and 2147483647, got 0"),
         ({"num_envs": True}, "num_envs: expected a whole number, got true"),
         ({"num_envs": 2.0}, "num_envs: expected a whole number, got 2.0"),
-        ({"max_episode_steps": 0}, "max_episode_steps must be at least 1, got 0"),
+        ({"max_episode_steps": 0}, "max_episode_steps must be between 1 and 2147483647, got 0"),
         ({"max_episode_steps": 2.5}, "max_episode_steps: expected a whole number, got 2.5"),
     ],
 )

@@ -100,25 +100,21 @@ class Gone:
     def write(self, text):
         raise BrokenPipeError(32, "Broken pipe")
 
-    def flush(self):
-        raise BrokenPipeError(32, "Broken pipe")
+    flush = lambda self: self.write("")  # noqa: E731
 
     def isatty(self):
         return self.terminal
 
 
 @pytest.mark.parametrize("terminal", [False, True])
-def test_nothing_ends_because_its_progress_cannot_be_shown(terminal):
+def test_nothing_ends_because_its_progress_cannot_be_shown(terminal, monkeypatch):
+    """`lanewise watch ... 2>&1 | head` must leave its clip."""
     with Progress(Gone(terminal), interval=0.0) as progress:
         progress.stage("high level", 100)
         progress.update(50, success_rate=0.5)
         progress.note("a warning")
         progress.update(100)
-
-
-def test_nor_because_a_command_cannot_say_how_far_it_is(monkeypatch):
-    """`lanewise watch ... 2>&1 | head` must leave its clip."""
-    monkeypatch.setattr(sys, "stderr", Gone(terminal=False))
+    monkeypatch.setattr(sys, "stderr", Gone(terminal))
     tell("drawing")
     monkeypatch.undo()
     for module in Path(cli.__file__).parent.glob("*_command.py"):
@@ -141,7 +137,7 @@ def test_what_is_said_does_not_steer_a_terminal(kind, capsys):
     assert capsys.readouterr().err == "wrote a\\x1b[2Jb\n"
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
 def test_nothing_ends_because_a_stream_lacks_a_letter(encoding, monkeypatch):
     stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding, errors="strict")
     with Progress(stream, interval=0.0) as progress:
@@ -151,8 +147,3 @@ def test_nothing_ends_because_a_stream_lacks_a_letter(encoding, monkeypatch):
     tell("wrote 日本.gif")
     stream.flush()
     assert b"\\u65e5\\u672c" in stream.buffer.getvalue()
-
-
-def test_what_a_command_says_stands_on_a_line(capsys):
-    tell("drawing")
-    assert capsys.readouterr().err == "drawing\n"
