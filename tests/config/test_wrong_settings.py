@@ -194,7 +194,8 @@ def test_a_right_setting_is_let_in():
 
 def test_a_process_refuses_without_jax_and_leaves_nothing(tmp_path):
     program = (
-        "import sys; from lanewise.cli.main import main; begin = ['train', 'planned', '--out', 'new']\n"
+        "import sys; from lanewise.cli.main import main\n"
+        "begin = ['train', 'planned', '--out', 'new']\n"
         "codes = [main([*begin, *words.split()]) for words in sys.argv[1:]]\n"
         "print(codes, 'jax' in sys.modules)"
     )

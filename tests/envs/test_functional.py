@@ -12,7 +12,6 @@ import pytest
 from lanewise.driving.episode import Outcome
 from lanewise.driving.parts import Parts
 from lanewise.envs import functional, rows
-from lanewise.envs.control import Driven
 from lanewise.errors import SettingsError
 from lanewise.scenario import trap
 
@@ -65,12 +64,12 @@ def test_a_crash_after_the_escape_leaves_the_papers_success_and_takes_ours():
     world = trap.sample(TASK.scenario, jax.random.key(0), "test")
     state, shown = functional.start(TASK, world)
     assert not shown.escaped
-    past = replace(state.episode, escaped=jnp.bool_(True))
     for crashed in (False, True):
         ended = jnp.bool_(crashed)
         outcome = Outcome(jnp.float32(0.0), jnp.int32(crashed), ended, jnp.bool_(False))
-        driven = Driven(outcome, jnp.float32(0.0))
-        _, shown = functional.led_to(TASK, state, past, state.memory, driven)
+        stats = replace(state.episode.stats, escape_decision=jnp.int32(1), outcome=outcome)
+        past = replace(state.episode, stats=stats)
+        _, shown = functional.after_step(TASK, past, state.memory, outcome.reward)
         facts = rows.unpack(rows.pack(shown))[1]
         assert (facts["escaped"], facts["is_success"]) == (True, not crashed)
 

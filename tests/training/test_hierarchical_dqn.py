@@ -7,10 +7,10 @@ import jax
 import numpy as np
 import optax
 import pytest
-from lanewise.runs.train import STAGE_STREAM
 
 from lanewise import config
 from lanewise.evaluation import evaluator
+from lanewise.runs.training_loop import STAGE_STREAM
 from lanewise.training import recipe, stage
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "hierarchical_dqn.py"
