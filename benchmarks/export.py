@@ -32,7 +32,7 @@ def untrained(name, seed, **flags):
     """A controller with random weights."""
     settings = config.compose(preset="ranges", trap="trap-10", file=None, flags=flags)
     parameters = {}
-    for number, level in enumerate(recipe.test_course(settings, name).controller.levels):
+    for number, level in enumerate(recipe.evaluation_config(settings, name).controller.levels):
         key = jax.random.fold_in(jax.random.key(seed), number)
         first, *rest = network.init(key, level.feature_count, HIDDEN, level.choice_count)
         parameters[level.name] = (tuple(ENLARGED * array for array in first), *rest)

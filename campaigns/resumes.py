@@ -91,7 +91,7 @@ def where(folder):
         "continues_from": found.name,
         "inside_an_episode": bool((found.tree["state/rollouts/episode/stats/decisions"] > 0).any()),
         "inside_a_goal": any(bool((age > 0).any()) for age in ages),
-        "epsilon_is_falling": found.meta["ledger"]["chunks"] < EPSILON_CHUNKS,
+        "epsilon_is_falling": found.meta["counters"]["chunks"] < EPSILON_CHUNKS,
     }
 
 

@@ -215,7 +215,7 @@ def step_1(trap: Any, _: None, high: Any, epsilon: Any, drive: Drive, key: Array
     chosen = drive.pending._replace(features=observation, choice=choice, reward=0.0)
     pending = select(drive.goal.due, chosen, drive.pending)
     goal = set_goal(drive.goal, choice, world)
-    ego = percept.of(DRIVING.observation, world)
+    ego = percept.perceive(DRIVING.observation, world)
 
     state, shown = functional.step(trap, drive.state, planner.act(PLANNER, DRIVING, goal, ego))
     goal = goal_critic(goal, state.episode.world, TIME_LIMIT)

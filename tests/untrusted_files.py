@@ -15,7 +15,7 @@ from lanewise import config
 from lanewise.cli import journal
 from lanewise.config.settings import ONE_LEVEL_STAGES, Settings
 from lanewise.evaluation.episodes import Episodes
-from lanewise.evaluation.grid import Outcome, Reach
+from lanewise.evaluation.grid import PointResult, Reach
 from lanewise.experiments import experiment, jobs, stored_tests
 from lanewise.export import contents, formats
 from lanewise.runs import checkpoint, pytree_io, run_state, trained
@@ -23,7 +23,7 @@ from lanewise.runs.metrics_file import MetricsWriter
 from lanewise.runs.run_folder import RunFolder
 from lanewise.runs.trained import Trained
 from lanewise.system.folder_io import OpenFolder
-from lanewise.training import host
+from lanewise.training import trainer
 from lanewise.training.plan import TrainingPlan
 
 STAGE = {
@@ -183,8 +183,8 @@ def make(place: Path) -> None:
 
 def _fill(run, whole):
     plan = TrainingPlan.build(run.settings, run.controller)
-    ledger = dataclasses.asdict(
-        host.Ledger(3, 300, 2, (1.5, float(run.seed)), 1, (0.5,), (2,), (0.5,), 2)
+    counters = dataclasses.asdict(
+        trainer.Ledger(3, 300, 2, (1.5, float(run.seed)), 1, (0.5,), (2,), (0.5,), 2)
     )
     with MetricsWriter(run.metrics) as metrics:
         for number in (1, 2):
@@ -193,12 +193,12 @@ def _fill(run, whole):
     parameters = {}
     for stage in plan.stages if whole else plan.stages[:1]:
         blank = _zeros(plan.weights[stage.name], run.seed)
-        run_state.save_stage(run, stage.name, blank, {"ledger": ledger, **mark})
+        run_state.save_stage(run, stage.name, blank, {"counters": counters, **mark})
         parameters |= blank
     if whole:
         return run_state.save_controller(run, parameters)
     arrays = _zeros(pytree_io.shapes(plan.progress(1)), 0)
-    meta = {"seed": run.seed, "ledger": ledger, **mark}
+    meta = {"seed": run.seed, "counters": counters, **mark}
     return checkpoint.save(
         run.checkpoints, checkpoint.checkpoint_name(1, 3), arrays, meta, run.digest
     )
@@ -257,7 +257,7 @@ def _sweep(path, seed):
     book = journal.open_(path, IDENTITY if seed == WHOLE_SEED else IDENTITY | {"seed": seed})
     with book.folder, book.file:
         book.add([Reach(True, True, bool(n % 2), "0123" * n, n + seed) for n in range(4)])
-        book.add([Outcome(20, 18, 1, 1, 0, 12.5 + n, 9.25 + seed) for n in range(4)])
+        book.add([PointResult(20, 18, 1, 1, 0, 12.5 + n, 9.25 + seed) for n in range(4)])
 
 
 def fingerprint(value: Any) -> str:

@@ -273,7 +273,7 @@ def evaluate(
     name = "policy" if name is None else TEXT.check("name", name)
     if batched is not None:
         SWITCH.check("batched", batched)
-    course, choices = _course("low-level" if actions is None else actions, settings)
+    config, choices = _course("low-level" if actions is None else actions, settings)
     decide = external_policy.decider(policy, batched, choices, deterministic)
     chooser = External(decide)
     simulator: Simulator = Lanewise()
@@ -281,12 +281,12 @@ def evaluate(
         simulator = interop.evaluation_in_highway_env().HighwayEnv()
     with Progress(quiet=quiet) as reporter:
         reporter.stage(name, episodes)
-        found = stepwise.evaluate(course, chooser, simulator, seed, episodes, reporter.update)
+        found = stepwise.evaluate(config, chooser, simulator, seed, episodes, reporter.update)
     return Evaluation(
         episodes=found,
-        summary=_summary(found, name, world, course),
+        summary=_summary(found, name, world, config),
         _record=lambda index: replace(
-            stepwise.record(course, chooser, simulator, seed, index), controller=name
+            stepwise.record(config, chooser, simulator, seed, index), controller=name
         ),
     )
 
@@ -319,16 +319,16 @@ def _ours(
     )
 
 
-def _summary(found: Episodes, name: str, world: str, course: EvaluationConfig) -> Summary:
+def _summary(found: Episodes, name: str, world: str, config: EvaluationConfig) -> Summary:
     """The metrics of a test, which knows whether it is the paper's."""
-    seconds: Any = course.duration / course.driving.decision_frequency
+    seconds: Any = config.duration / config.driving.decision_frequency
     settings = replace(
         Settings(),
-        scenario=course.scenario,
-        driving=course.driving,
+        scenario=config.scenario,
+        driving=config.driving,
         evaluation=EvaluationSettings(duration=seconds),
     )
-    unlike = published.unlike_test(settings, course.parts.names(), course.split)
+    unlike = published.unlike_test(settings, config.parts.names(), config.split)
     return metrics.summarise(found, controller=name, world=world, unlike_paper=unlike)
 
 

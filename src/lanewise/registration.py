@@ -16,7 +16,7 @@ ENVIRONMENTS = {
         "lanewise.envs.single:TrapContinuousEnv",
         "lanewise.envs.vector:TrapContinuousVectorEnv",
     ),
-    "lanewise/TrapHighwayEnv-v0": ("lanewise.envs.highway_env:TrapHighwayEnv", None),
+    "lanewise/TrapHighwayEnv-v0": ("lanewise.envs.trap_highway_env:TrapHighwayEnv", None),
 }
 """By id, where one environment and many of them are made."""
 

@@ -17,7 +17,7 @@ from lanewise.config.settings import Settings
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import evaluator
 from lanewise.evaluation import sweep as drives
-from lanewise.evaluation.grid import CAUSES, Outcome, Reach
+from lanewise.evaluation.grid import CAUSES, PointResult, Reach
 from lanewise.report import output_files
 from lanewise.report import sweep_page as maps
 from lanewise.system import folder_io
@@ -224,7 +224,7 @@ def test_a_sweep_writes_into_no_other_folder(run, tmp_path, monkeypatch, capsys,
     def drive_all(*arguments):
         if not late:
             break_in()
-        yield [Outcome(2, 2, *[0] * len(CAUSES), 8.0, 10.0)]
+        yield [PointResult(2, 2, *[0] * len(CAUSES), 8.0, 10.0)]
 
     def draw_all(*arguments):
         break_in()

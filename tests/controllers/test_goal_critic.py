@@ -25,7 +25,7 @@ def under_way(age=1, lane=1, speed=10.0):
 
 
 def review(memory, seen, renewal="critic", settings=SETTINGS):
-    return goal_critic.review(settings, DRIVING, renewal, memory, seen)
+    return goal_critic.update_goal_status(settings, DRIVING, renewal, memory, seen)
 
 
 def counts(memory):
@@ -81,10 +81,10 @@ def test_renewal_modes_renew_before_the_goal_has_ended(renewal, due):
 
 
 def test_renewing_is_for_due_goals_only():
-    held = goal_critic.renew(SETTINGS, under_way(age=3), percept_of(), jnp.int32(0))
+    held = goal_critic.maybe_renew_goal(SETTINGS, under_way(age=3), percept_of(), jnp.int32(0))
     assert (int(held.goal.lane), float(held.goal.speed), int(held.age)) == (1, 10.0, 3)
     due = replace(under_way(age=3), due=jnp.bool_(True))
-    new = goal_critic.renew(SETTINGS, due, percept_of(), jnp.int32(0))
+    new = goal_critic.maybe_renew_goal(SETTINGS, due, percept_of(), jnp.int32(0))
     assert (int(new.goal.lane), float(new.goal.speed), int(new.age)) == (0, 9.0, 0)
     assert not new.due
 
@@ -96,13 +96,15 @@ def test_a_new_goal_moves_its_reference(reference, expected):
     settings = replace(SETTINGS, reference=reference)
     due = replace(under_way(lane=2, speed=12.0), due=jnp.bool_(True))
     seen = percept_of(y=0.0, speed=8.0)
-    new = goal_critic.renew(settings, due, seen, jnp.int32(KEEP))
+    new = goal_critic.maybe_renew_goal(settings, due, seen, jnp.int32(KEEP))
     assert (int(new.goal.lane), float(new.goal.speed)) == expected
 
 
 def test_the_first_goal_is_relative_to_the_moment():
     start = goal_critic.start(SETTINGS, percept_of(y=0.0, speed=11.0))
     assert start.due
-    first = goal_critic.renew(SETTINGS, start, percept_of(y=0.0, speed=11.0), jnp.int32(8))
+    first = goal_critic.maybe_renew_goal(
+        SETTINGS, start, percept_of(y=0.0, speed=11.0), jnp.int32(8)
+    )
     assert (int(first.goal.lane), float(first.goal.speed)) == (1, 12.0)
-    assert int(goal_critic.grown(first).age) == 1
+    assert int(goal_critic.increment_age(first).age) == 1

@@ -18,7 +18,7 @@ def moves(settings, reference, seen=None):
     """(lane, speed) that every action makes of a goal."""
     seen = percept_of() if seen is None else seen
     every = [
-        goals.moved(settings, reference, seen, jnp.int32(action))
+        goals.apply_high_level_action(settings, reference, seen, jnp.int32(action))
         for action in range(goals.action_count(settings))
     ]
     return [(int(g.lane), float(g.speed)) for g in every]
@@ -60,7 +60,7 @@ def test_goals_are_clipped_to_the_bounds_of_speed():
 
 @pytest.mark.parametrize(("speed", "wanted"), [(3.0, 5.0), (12.3, 12.3), (20.0, 16.0)])
 def test_the_goal_of_the_moment_is_within_bounds(speed, wanted):
-    moment = goals.of_moment(GoalSettings(), percept_of(y=7.9, speed=speed))
+    moment = goals.goal_from_state(GoalSettings(), percept_of(y=7.9, speed=speed))
     assert (int(moment.lane), float(moment.speed)) == (2, pytest.approx(wanted))
 
 

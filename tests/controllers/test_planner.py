@@ -41,7 +41,7 @@ def drive(speed, lane, target):
     )
 
     def decide(world, _):
-        seen = percept.of(DRIVING.observation, world)
+        seen = percept.perceive(DRIVING.observation, world)
         action = planner.act(PLANNER, DRIVING, Goal(lane, target), seen)
         commands = actions.commands(DRIVING.actions, action, jnp.dtype(jnp.float32))
         world = bicycle.command(world, *commands)

@@ -56,9 +56,9 @@ def test_three_decisions_against_all_729_sequences():
 def test_what_was_planned_is_what_happens(monkeypatch):
     monkeypatch.setattr(evaluator, "BLOCK", 2)
     settings = Search(DRIVING, SearchSettings(per_class=1), 12)
-    course = EvaluationConfig(EMPTY, DRIVING, settings, 12, at_once=1)
-    outcome = evaluator.evaluate(course, {}, 0, 2)
-    world = evaluator.start(course, 0, 1)
+    config = EvaluationConfig(EMPTY, DRIVING, settings, 12, at_once=1)
+    outcome = evaluator.evaluate(config, {}, 0, 2)
+    world = evaluator.start(config, 0, 1)
     states = jax.lax.scan(
         lambda state, action: (episode.step(DRIVING, state, action, 100),) * 2,
         episode.begin(world),
@@ -73,7 +73,7 @@ def test_what_was_planned_is_what_happens(monkeypatch):
 def test_the_search_asks_for_a_privileged_percept():
     world = trap.sample(EMPTY, jax.random.key(0), "test")
     with pytest.raises(ValueError, match="privileged"):
-        Search(DRIVING, SearchSettings(), 2).start(percept.of(DRIVING.observation, world))
+        Search(DRIVING, SearchSettings(), 2).start(percept.perceive(DRIVING.observation, world))
 
 
 def test_ranks_within_groups():

@@ -16,7 +16,7 @@ def ego_world(y=4.0, speed=10.0, crashed=False, x=50.0):
     return replace(world, vehicles=vehicles)
 
 
-OF_EGO = jax.jit(accidents.of_ego)
+OF_EGO = jax.jit(accidents.ego_accident)
 OFF_ROAD = jax.jit(accidents.off_road)
 
 

@@ -86,14 +86,14 @@ def test_features_are_26_and_the_lane_offset_follows_the_ego():
         features = FEATURES(settings, world)
         assert features.shape == (26,) == (observation.SIZE,)
         assert float(features[5]) == pytest.approx(0.7 / 2.0)
-        np.testing.assert_allclose(features[5], percept.of(settings, world).features[5])
+        np.testing.assert_allclose(features[5], percept.perceive(settings, world).features[5])
 
 
 def test_the_percepts_lane_is_the_nearest_and_not_the_one_aimed_at():
     world = world_of([5.0], [6.5], [10.0], dtype=np.float64)
     aims = world.vehicles.__class__(**{**vars(world.vehicles), "target_lane": jnp.zeros(1, int)})
     world = world.__class__(world.road, world.drivers, aims)
-    seen = percept.of(FINE, world, Parts(observe=lambda *_: jnp.zeros(1)))
+    seen = percept.perceive(FINE, world, Parts(observe=lambda *_: jnp.zeros(1)))
     assert int(seen.lane) == 2
     assert (float(seen.x), float(seen.y), float(seen.speed)) == (5.0, 6.5, 10.0)
 

@@ -79,11 +79,11 @@ def test_an_idle_ego_on_an_empty_road_in_closed_form(monkeypatch):
 def test_the_distance_counts_from_where_the_drive_began(monkeypatch):
     monkeypatch.setattr(evaluator, "BLOCK", 2)
     scenario = replace(EMPTY, test_side_distance=60.0, trap_speed=10.0, ego_speed=10.0)
-    course = course_of(scenario, Constant())
-    worlds = evaluator.start_block(course, 0, 0)
+    config = course_of(scenario, Constant())
+    worlds = evaluator.start_block(config, 0, 0)
     x = worlds.vehicles.x + jnp.array([[500.0], [-2000.0]])
     further = replace(worlds, vehicles=replace(worlds.vehicles, x=x))
-    found = evaluator.drive_block(course, parameters(), further)
+    found = evaluator.drive_block(config, parameters(), further)
     np.testing.assert_allclose(found.stats.distance, 250.0, rtol=1e-5)
 
 
@@ -105,12 +105,12 @@ def test_an_accident_adds_its_penalty_once_and_ends_the_sums(monkeypatch):
 
 def test_episodes_do_not_depend_on_how_many_are_driven_with_them(monkeypatch):
     monkeypatch.setattr(evaluator, "BLOCK", 4)
-    course = replace(
+    config = replace(
         course_of(TrapSettings(training_front_distance=(8.0, 30.0)), Constant(action=7), 12),
         split="training",
     )
     weights = parameters()
-    many, few = (evaluator.evaluate(course, weights, 3, count) for count in (10, 5))
+    many, few = (evaluator.evaluate(config, weights, 3, count) for count in (10, 5))
     assert len(few) == 5
     for name in vars(few):
         np.testing.assert_array_equal(getattr(few, name), getattr(many, name)[:5])
@@ -131,9 +131,9 @@ def test_a_drive_past_the_trap_that_then_stops_has_the_papers_success_and_not_ou
 @pytest.mark.slow
 def test_a_recording_agrees_with_the_test(monkeypatch):
     monkeypatch.setattr(evaluator, "BLOCK", 1)
-    course = course_of(EMPTY, Constant(), 16)
-    found = evaluator.evaluate(course, parameters(), 0, 1)
-    recording = stepwise.record(course, Greedy(parameters()), Lanewise(1), 0, 0)
+    config = course_of(EMPTY, Constant(), 16)
+    found = evaluator.evaluate(config, parameters(), 0, 1)
+    recording = stepwise.record(config, Greedy(parameters()), Lanewise(1), 0, 0)
     assert recording.x.shape == (17, 3)
     assert recording.x[-1, 0] == pytest.approx(found.travel_distance[0])
     assert recording.accumulated_reward[-1] == pytest.approx(found.accumulated_reward[0])
@@ -150,9 +150,9 @@ def test_a_recording_counts_the_goals_as_the_goal_critic_does(monkeypatch):
     monkeypatch.setattr(evaluator, "BLOCK", 1)
     goals = GoalSettings(time_limit=1.5)
     controller = Rightwards(DrivingSettings(), goals, PlannerSettings(), "critic")
-    course = course_of(EMPTY, controller, 24)
+    config = course_of(EMPTY, controller, 24)
     weights = {"high_level": network.init(jax.random.key(1), 26, (8,), 9)}
-    recording = stepwise.record(course, Greedy(weights), Lanewise(1), 0, 0)
+    recording = stepwise.record(config, Greedy(weights), Lanewise(1), 0, 0)
     along = recording.speed[:, 0] * np.cos(recording.heading[:, 0])
     ended, timed_out, age = [0, 0], [0, 0], 1
     for seen in range(1, len(recording.time) - 1):

@@ -56,7 +56,9 @@ def alike(found, expected):
 
 @pytest.fixture(scope="module")
 def ours():
-    return evaluator.evaluate(recipe.test_course(SETTINGS, "single-level"), PARAMETERS, 0, EPISODES)
+    return evaluator.evaluate(
+        recipe.evaluation_config(SETTINGS, "single-level"), PARAMETERS, 0, EPISODES
+    )
 
 
 def idle(seen):
@@ -112,7 +114,7 @@ def test_a_recurrent_agent_keeps_its_state_within_a_block_and_no_longer():
 
 @pytest.mark.slow
 def test_goals():
-    course = recipe.test_course(SETTINGS, "planned")
+    course = recipe.evaluation_config(SETTINGS, "planned")
     expected = evaluator.evaluate(course, PARAMETERS, 0, 40)
     found = lanewise.evaluate(greedy("high_level"), actions="goal", episodes=40)
     alike(found.episodes, expected)

@@ -4,7 +4,7 @@ import pytest
 
 from lanewise.errors import SettingsError
 from lanewise.evaluation import grid as grids
-from lanewise.evaluation.grid import Cell, Grid, Outcome, Point, Reach, fold, pool
+from lanewise.evaluation.grid import Cell, Grid, Point, PointResult, Reach, fold, pool
 
 
 def cell(
@@ -13,7 +13,7 @@ def cell(
     return Cell(
         Point(ego, 10.0, lanes, 15.0, 5.0, 25.0, 0),
         Reach(winnable, True, clear, "", 0),
-        Outcome(10, successes, collision, 0, stopped, 12.0, 9.0, escapes),
+        PointResult(10, successes, collision, 0, stopped, 12.0, 9.0, escapes),
     )
 
 

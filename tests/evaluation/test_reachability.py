@@ -10,14 +10,14 @@ import pytest
 from lanewise.driving import actions, episode
 from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation import escapes, reachability
-from lanewise.evaluation.escapes import Course
+from lanewise.evaluation.escapes import ReachabilityConfig
 from lanewise.interop.highway_env import build_env, read_world
 from lanewise.scenario.settings import TrapSettings
 from lanewise.scenario.trap import Start
 from lanewise.world import bicycle, tick
 
 DRIVING = DrivingSettings()
-COURSE = Course(TrapSettings(), DRIVING, lanes=5, duration=50)
+COURSE = ReachabilityConfig(TrapSettings(), DRIVING, lanes=5, duration=50)
 
 
 def start(ego, trap, front, side, lanes=3):
@@ -132,7 +132,7 @@ def test_whoever_can_stay_behind_can_get_out(ego, trap, front, side):
 
 def test_clearance_rules_out_what_passes_by_centimetres():
     assert reachability.judge(COURSE, THREADED).winnable
-    wide = Course(TrapSettings(), DRIVING, 5, 50, clearance=0.1)
+    wide = ReachabilityConfig(TrapSettings(), DRIVING, 5, 50, clearance=0.1)
     assert not reachability.judge(wide, THREADED).winnable
     roomy = reachability.judge(wide, PAPER)
     assert roomy.winnable

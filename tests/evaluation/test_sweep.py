@@ -33,8 +33,8 @@ def parameters():
     return {"single_level": network.init(jax.random.key(0), 26, (8,), 9)}
 
 
-def outcomes(course, grid, first=0):
-    found = sweep.run(course, parameters(), 5, EPISODES, grid.points(), first)
+def outcomes(config, grid, first=0):
+    found = sweep.run(config, parameters(), 5, EPISODES, grid.points(), first)
     return [outcome for group in found for outcome in group]
 
 
@@ -43,7 +43,7 @@ def test_a_start_of_a_grid_is_the_test_start_with_those_settings():
     """Padded with lanes and vehicles it lacks, it comes to what its own settings give."""
     grid = Grid((9.5,), (8.5,), (3, 5), (15.0,), (6.0,), (20.0, 30.0), (0, 2))
     plain = EvaluationConfig(SCENARIO, DrivingSettings(), Faster(), 24)
-    found = outcomes(sweep.course(plain, grid), grid)
+    found = outcomes(sweep.config(plain, grid), grid)
     points = grid.points()
     assert len(found) == len(points) == 8
     for number in (0, 3, 6):
@@ -74,18 +74,18 @@ def test_a_start_of_a_grid_is_the_test_start_with_those_settings():
 @pytest.mark.slow
 def test_a_grid_compiles_once_and_can_be_taken_up_anywhere():
     grid = Grid((8.0, 12.0), (8.0, 11.0), (3, 4), (15.0,), (5.0,))
-    course = sweep.course(EvaluationConfig(SCENARIO, DrivingSettings(), Faster(), 20), grid)
+    config = sweep.config(EvaluationConfig(SCENARIO, DrivingSettings(), Faster(), 20), grid)
     before = evaluator.drive_block.__wrapped__._cache_size()
-    found = outcomes(course, grid)
+    found = outcomes(config, grid)
     assert evaluator.drive_block.__wrapped__._cache_size() == before + 1
-    assert outcomes(course, grid, first=5) == found[5:]
+    assert outcomes(config, grid, first=5) == found[5:]
     assert len({(outcome.speed, outcome.reward) for outcome in found}) > 3
 
 
 def test_more_episodes_than_a_block_belong_to_one_start():
     grid = Grid((8.0,), (8.0, 10.0), (3,), (15.0,), (5.0,))
-    course = sweep.course(EvaluationConfig(SCENARIO, DrivingSettings(), Faster(), 20), grid)
-    found = [o for group in sweep.run(course, parameters(), 5, 6, grid.points()) for o in group]
+    config = sweep.config(EvaluationConfig(SCENARIO, DrivingSettings(), Faster(), 20), grid)
+    found = [o for group in sweep.run(config, parameters(), 5, 6, grid.points()) for o in group]
     assert [outcome.episodes for outcome in found] == [6, 6]
 
 
@@ -94,9 +94,9 @@ def test_reach_agrees_with_judging_each_start_alone():
     driving = DrivingSettings()
     grid = Grid((13.0,), (8.0,), (3, 4), (14.8,), (6.61, 7.43))
     found = list(sweep.reach(SCENARIO, driving, 50, 0.1, grid.points()))
-    course = escapes.Course(SCENARIO, driving, 4, 50)
+    config = escapes.ReachabilityConfig(SCENARIO, driving, 4, 50)
     for point, reach in zip(grid.points(), found, strict=True):
-        alone = reachability.judge(course, sweep.start_of(SCENARIO, point))
+        alone = reachability.judge(config, sweep.start_of(SCENARIO, point))
         assert reach.winnable == alone.winnable
         assert reach.decided
     # A centimetre's way between the trap cars is an escape, but not one with 10 cm to spare.
@@ -105,4 +105,4 @@ def test_reach_agrees_with_judging_each_start_alone():
     easy = next(sweep.reach(SCENARIO, driving, 50, 0.1, Grid((10.0,), (10.0,), (3,)).points()))
     assert easy.clear
     start = sweep.start_of(SCENARIO, Grid((10.0,), (10.0,), (3,)).points()[0])
-    assert reachability.replay(course, start, [tuple(map(int, easy.escape))]).tolist() == [True]
+    assert reachability.replay(config, start, [tuple(map(int, easy.escape))]).tolist() == [True]

@@ -32,7 +32,7 @@ def untrained(case):
     name, flags = CASES[case]
     settings = config.compose(preset="quick", trap="trap-10", file=None, flags=flags)
     parameters = {}
-    for number, level in enumerate(recipe.test_course(settings, name).controller.levels):
+    for number, level in enumerate(recipe.evaluation_config(settings, name).controller.levels):
         key = jax.random.key(number)
         (weights, biases), *rest = network.init(key, level.feature_count, (32,), level.choice_count)
         parameters[level.name] = ((8 * weights, 8 * biases), *rest)
@@ -71,7 +71,7 @@ def percepts():
 def decisions(case):
     """What the JAX controller decides, shown the percepts one after the other."""
     trained = untrained(case)
-    controller = recipe.test_course(trained.settings, trained.name).controller
+    controller = recipe.evaluation_config(trained.settings, trained.name).controller
 
     def decide(memory, percept):
         action, memory, traces = controllers.act(controller, trained.parameters, memory, percept)

@@ -50,11 +50,11 @@ class BrakeAndPass(SingleLevel):
 )
 def test_outcomes_are_identical(controller, expected, monkeypatch):
     monkeypatch.setattr(evaluator, "BLOCK", 2)
-    course = EvaluationConfig(TrapSettings(), DrivingSettings(), controller, 50)
+    config = EvaluationConfig(TrapSettings(), DrivingSettings(), controller, 50)
     parameters = {"single_level": network.init(jax.random.key(2), 26, (16,), 9)}
     told = []
-    ours = evaluator.evaluate(course, parameters, 11, 2)
-    theirs = stepwise.evaluate(course, Greedy(parameters), HighwayEnv(), 11, 2, told.append)
+    ours = evaluator.evaluate(config, parameters, 11, 2)
+    theirs = stepwise.evaluate(config, Greedy(parameters), HighwayEnv(), 11, 2, told.append)
     assert told == [1, 2]
     for name in ("success", "accident", "duration", "escape_time", "goals"):
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
@@ -72,16 +72,16 @@ def test_the_rule_based_ego_drives_alike_in_both_worlds(monkeypatch):
     monkeypatch.setattr(evaluator, "BLOCK", 4)
     scenario = TrapSettings(ego_driver="rule-based", test_side_distance=100.0, ego_speed=12.0)
     for one in (TrapSettings(ego_driver="rule-based"), scenario):
-        course = EvaluationConfig(one, DrivingSettings(), RuleBased(), 50)
+        config = EvaluationConfig(one, DrivingSettings(), RuleBased(), 50)
         ours, theirs = (
-            evaluator.evaluate(course, {}, 3, 4),
-            stepwise.evaluate(course, Greedy({}), HighwayEnv(), 3, 4),
+            evaluator.evaluate(config, {}, 3, 4),
+            stepwise.evaluate(config, Greedy({}), HighwayEnv(), 3, 4),
         )
         np.testing.assert_array_equal(ours.success, theirs.success)
         np.testing.assert_array_equal(ours.accident, theirs.accident)
         for name in ("accumulated_reward", "average_speed", "travel_distance"):
             np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), rtol=1e-4)
-    recording = stepwise.record(course, Greedy({}), Lanewise(1), 3, 0)
+    recording = stepwise.record(config, Greedy({}), Lanewise(1), 3, 0)
     assert np.ptp(recording.y[:, 0]) > 3.5
 
 
@@ -91,9 +91,9 @@ def test_the_rule_based_ego_drives_alike_in_both_worlds(monkeypatch):
 def test_the_live_environment_ends_after_the_simulated_duration(
     simulation, decision, seconds, decisions
 ):
-    course = EvaluationConfig(TrapSettings(), DrivingSettings(), SingleLevel(), 50)
+    config = EvaluationConfig(TrapSettings(), DrivingSettings(), SingleLevel(), 50)
     env = highway_env.build_env(
-        jax.device_get(evaluator.start(course, 0, 0)),
+        jax.device_get(evaluator.start(config, 0, 0)),
         simulation_frequency=simulation,
         decision_frequency=decision,
         duration=seconds,

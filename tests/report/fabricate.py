@@ -7,7 +7,7 @@ import numpy as np
 from lanewise import config
 from lanewise.config.settings import Settings
 from lanewise.evaluation.episodes import Episodes, Recording
-from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
+from lanewise.evaluation.grid import Cell, Grid, PointResult, Reach
 from lanewise.report.sweep_page import SweepResult
 
 
@@ -139,7 +139,7 @@ def make_sweep(grid: Grid | None = None, episodes: int = 20) -> SweepResult:
         chance = max(0.0, 1.0 - 0.15 * abs(faster)) if winnable else 0.0
         won = sum(draw.random() < chance for _ in range(episodes))
         hit = draw.randint(0, episodes - won)
-        outcome = Outcome(episodes, won, hit, 0, 0, 12.5, 9.0, escapes=won + hit // 2)
+        outcome = PointResult(episodes, won, hit, 0, 0, 12.5, 9.0, escapes=won + hit // 2)
         cells.append(Cell(point, reach, outcome))
     return SweepResult(
         controller="hierarchical",

@@ -24,7 +24,7 @@ def rarely(world):
 
 def spoiling_reward(value):
     def rewarded(settings, world, steering, accident):
-        found = reward.of_decision(settings, world, steering, accident)
+        found = reward.decision_reward(settings, world, steering, accident)
         return jnp.where(rarely(world), value, found)
 
     return rewarded
@@ -63,7 +63,7 @@ def check_what_is_left(path, parts, what, stage):
     assert chunks == list(range(1, about["chunk"]))
     newest, warning = checkpoint.newest_valid(path / "checkpoints")
     assert warning == ""
-    assert (newest.meta["ledger"]["chunks"] if newest else 0) == about["chunk"] - 1
+    assert (newest.meta["counters"]["chunks"] if newest else 0) == about["chunk"] - 1
     assert not (path / "controller.json").exists()
     first = divergence.find_first_nonfinite(path, parts)
     assert (first.stage, first.chunk) == (stage, about["chunk"])

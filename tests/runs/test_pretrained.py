@@ -29,8 +29,8 @@ def test_they_drive_as_they_did_when_they_were_made(name):
     story, controller = provenance(name), trained.load(Path("pretrained") / name)
     assert (controller.name, controller.seed) == (story["controller"], story["seed"])
     stored = story["tests"]["lanewise"]["summary"]
-    course = recipe.test_course(controller.settings, controller.name)
-    found = evaluator.evaluate(course, controller.parameters, controller.seed, stored["episodes"])
+    config = recipe.evaluation_config(controller.settings, controller.name)
+    found = evaluator.evaluate(config, controller.parameters, controller.seed, stored["episodes"])
     # Another processor may round otherwise; on one machine the figures are the same.
     assert np.mean(found.success) == pytest.approx(stored["success_rate"], abs=0.02)
     assert np.mean(found.accumulated_reward) == pytest.approx(

@@ -15,7 +15,7 @@ from lanewise.errors import LanewiseError, RunError
 from lanewise.evaluation import evaluator
 from lanewise.runs import checkpoint, metrics_file, trained, training_loop
 from lanewise.system import folder_io, version
-from lanewise.training import host, recipe
+from lanewise.training import recipe, trainer
 
 FLAGS = small_runs.flags(chunks=5)
 pytestmark = pytest.mark.usefixtures("save_every_chunk", "hears_ctrl_c")
@@ -98,9 +98,9 @@ def test_what_is_told_of_kept_weights_is_true_of_the_controller(whole):
     told = [line for line in lines if line["kind"] == "weights"]
     assert [line["stage"] for line in told] == ["step-1", "step-2"]
     controller = trained.load(whole)
-    course = recipe.validation_course(controller.settings, recipe.RECIPES["hierarchical"][-1])
+    config = recipe.validation_config(controller.settings, recipe.RECIPES["hierarchical"][-1])
     count = told[-1]["fresh_episodes"]
-    found = evaluator.evaluate(course, controller.parameters, host.FRESH_SEED, count)
+    found = evaluator.evaluate(config, controller.parameters, trainer.FRESH_SEED, count)
     assert told[-1]["kept_reward"] == pytest.approx(found.accumulated_reward.mean())
     assert told[-1]["kept_accident_rate"] == pytest.approx((found.accident > 0).mean())
 
@@ -109,16 +109,16 @@ def test_what_is_told_of_kept_weights_is_true_of_the_controller(whole):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_within_a_chunk_waits_for_its_end(tmp_path, whole, monkeypatch, number):
     """There the chunk's old state is consumed already, and its metrics are not yet written."""
-    path, booked, reporter = tmp_path / "run", host._booked, Quiet()
+    path, booked, reporter = tmp_path / "run", trainer._booked, Quiet()
     before = signal.getsignal(number)
 
-    def interrupted(plan, ledger, lines):
-        if ledger.chunks == 1:
+    def interrupted(plan, counters, lines):
+        if counters.chunks == 1:
             os.kill(os.getpid(), number)
-        return booked(plan, ledger, lines)
+        return booked(plan, counters, lines)
 
     with monkeypatch.context() as patch, create(path) as folder:
-        patch.setattr(host, "_booked", interrupted)
+        patch.setattr(trainer, "_booked", interrupted)
         with pytest.raises(KeyboardInterrupt):
             small_runs.train(folder, reporter)
     assert reporter.notes == ["stopping: this chunk is finished and saved first"]

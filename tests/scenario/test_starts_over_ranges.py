@@ -114,7 +114,7 @@ def drive(settings, start, seed, lanes, chosen):
     state = episode.begin(trap.place(settings, start, key, lanes))
 
     def decide(state, action):
-        seen = percept.of(DRIVING.observation, state.world)
+        seen = percept.perceive(DRIVING.observation, state.world)
         state = episode.step(DRIVING, state, action, 50)
         return state, (state.world.vehicles, seen.features, state.outcome)
 

@@ -47,12 +47,12 @@ def same(a, b):
 )
 def test_a_start_is_the_same_alone_and_in_any_batch(split):
     many = starts(split, 102)
-    course = EvaluationConfig(SETTINGS, DrivingSettings(), None, 50, split)
+    config = EvaluationConfig(SETTINGS, DrivingSettings(), None, 50, split)
     # The last is of the second block.
     for index in (0, 1, 101):
         alone = sample(7, split, index)
         assert same(alone, jax.tree.map(lambda leaf: leaf[index], many))  # noqa: B023
-        assert same(alone, start(course, 7, index))
+        assert same(alone, start(config, 7, index))
 
 
 def test_a_start_is_the_same_in_another_process():

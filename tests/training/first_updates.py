@@ -39,9 +39,9 @@ def first_updates(arm):
     *earlier, last = recipe.RECIPES[controller]
     frozen = {}
     for each in earlier:
-        begun = stage.begin(recipe.course(settings, each), frozen, jax.random.key(0))
+        begun = stage.begin(recipe.stage_config(settings, each), frozen, jax.random.key(0))
         frozen = frozen | stage.online(begun.learners)
-    course = recipe.course(settings, last)
+    course = recipe.stage_config(settings, last)
     state, chunks = stage.begin(course, frozen, jax.random.key(SEED)), []
     while not chunks or min(level["updates"] for level in chunks[-1]["levels"].values()) < UPDATES:
         state, metrics = stage.advance(course, frozen, state)

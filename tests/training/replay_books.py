@@ -107,17 +107,17 @@ class Seen(EpisodeStats):
     """[] the decision's external reward."""
 
 
-def noting(course):
+def noting(config):
     """The course with a controller that notes."""
-    return replace(course, controller=NotedController(course.controller))
+    return replace(config, controller=NotedController(config.controller))
 
 
-def drive(monkeypatch, course, frozen, key, chunks):
+def drive(monkeypatch, config, frozen, key, chunks):
     """The stage itself, chunk by chunk: (its last state, the notes [iterations, worlds])."""
     own = rollout.step
 
-    def noted(course, parameters, before, epsilon, key):
-        after, emitted = own(course, parameters, before, epsilon, key)
+    def noted(config, parameters, before, epsilon, key):
+        after, emitted = own(config, parameters, before, epsilon, key)
         stats = after.episode.stats
         notes = Seen(
             **{name: getattr(stats, name) for name in EpisodeStats.__dataclass_fields__},
@@ -127,8 +127,8 @@ def drive(monkeypatch, course, frozen, key, chunks):
         return replace(after, episode=replace(after.episode, stats=notes)), emitted
 
     monkeypatch.setattr(stage.rollout, "step", noted)
-    advance = jax.jit(partial(stage.iterate, course, frozen, count=stage.CHUNK))
-    state = stage.begin(course, frozen, key)
+    advance = jax.jit(partial(stage.iterate, config, frozen, count=stage.CHUNK))
+    state = stage.begin(config, frozen, key)
     seen = []
     for _ in range(chunks):
         state, metrics = advance(state)
@@ -136,7 +136,7 @@ def drive(monkeypatch, course, frozen, key, chunks):
     return state, jax.tree.map(lambda *parts: np.concatenate(parts), *seen)
 
 
-def book(course, seen, name):
+def finish_chunk(config, seen, name):
     """The rows of a level's replay, in the order in which they are written.
 
     Without those of the last iteration: whether a choice follows it is not noted.
@@ -146,14 +146,14 @@ def book(course, seen, name):
         seen: [iterations, worlds] facts and notes.
         name: of the level.
     """
-    how = dict(course.learning)[name]
+    level_settings = dict(config.learning)[name]
     written = []
     for world in range(seen.outcome.over.shape[1]):
         begins = 0
         for last in [*np.flatnonzero(seen.outcome.over[:, world]), len(seen.outcome.over) - 1]:
             if last >= begins:
                 one = jax.tree.map(lambda leaf, w=world, b=begins, e=last: leaf[b : e + 1, w], seen)
-                rows = _episode(how, one, name, _view(course, name))
+                rows = _episode(level_settings, one, name, _view(config, name))
                 written += [(begins + end, world, -start, row) for start, end, row in rows]
             begins = last + 1
     # By decision, then by world; of those complete at once the newest choice is first.
@@ -161,27 +161,27 @@ def book(course, seen, name):
     return np.array([row for end, *_, row in written if end < len(seen.outcome.over) - 1])
 
 
-def _view(course, name):
+def _view(config, name):
     """What a level sees where a transition leads to: (in an episode that goes on, at its end).
 
     ``saw``, what it then chooses from; ``left``, the same with the goal it acted for, if any;
     ``settled``, with the goal that the frozen level above it has set by then.
     """
-    learning = dict(course.learning)
+    learning = dict(config.learning)
     if name != "low_level":
         return "saw", "left"
     return ("left", "left") if "high_level" in learning else ("saw", "settled")
 
 
-def _episode(how, seen, name, view):
+def _episode(level_settings, seen, name, view):
     """Of one episode, maybe cut short: (first decision, last decision, row) of each transition."""
     ready = np.flatnonzero(seen.notes[f"{name} ready"])
     over, length = bool(seen.outcome.over[-1]), len(seen.outcome.over)
     terminated = over and int(seen.accident[-1]) != 0
-    gamma, found = how.learner.discount, []
+    gamma, found = level_settings.learner.discount, []
     for number, start in enumerate(ready):
-        later = ready[number + 1 : number + 1 + how.returns]
-        if len(later) == how.returns:
+        later = ready[number + 1 : number + 1 + level_settings.returns]
+        if len(later) == level_settings.returns:
             stop = later[-1]
         elif over:
             stop = length
@@ -189,16 +189,16 @@ def _episode(how, seen, name, view):
             continue
         last = stop - 1
         ended = over and stop == length
-        lost = ended and (terminated or how.time_out == "terminal")
-        lost |= how.goal_end == "terminal" and bool(seen.notes["reached"][last])
+        lost = ended and (terminated or level_settings.time_out == "terminal")
+        lost |= level_settings.goal_end == "terminal" and bool(seen.notes["reached"][last])
         reward = 0.0
         for at in range(start, stop):
             choices = int(np.sum((ready > start) & (ready <= at)))
-            exponent = choices if how.discount_across_goal == "per-goal" else at - start
+            exponent = choices if level_settings.discount_across_goal == "per-goal" else at - start
             crash = terminated and at == length - 1
-            reward += gamma**exponent * _pay(how, seen, at, crash)
+            reward += gamma**exponent * _pay(level_settings, seen, at, crash)
         steps = len([r for r in ready if start <= r < stop])
-        exponent = steps if how.discount_across_goal == "per-goal" else stop - start
+        exponent = steps if level_settings.discount_across_goal == "per-goal" else stop - start
         discount = 0.0 if lost else gamma**exponent
         row = [
             *seen.notes[f"{name} saw"][start],
@@ -211,14 +211,16 @@ def _episode(how, seen, name, view):
     return found
 
 
-def _pay(how, seen, at, crash):
+def _pay(level_settings, seen, at, crash):
     """What a decision pays a level."""
-    paid = how.external_weight * float(seen.paid[at])
+    paid = level_settings.external_weight * float(seen.paid[at])
     if crash:
         return paid
     before, after = float(seen.notes["before"][at]), float(seen.notes["after"][at])
-    paid += how.approach_weight * (before - after) - how.tracking_weight * after
-    return paid + how.goal_reward * bool(seen.notes["reached"][at])
+    paid += (
+        level_settings.approach_weight * (before - after) - level_settings.tracking_weight * after
+    )
+    return paid + level_settings.goal_reward * bool(seen.notes["reached"][at])
 
 
 def _next(seen, name, stop, what):

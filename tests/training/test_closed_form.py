@@ -24,15 +24,17 @@ FRESH = 100.0
 update = jax.jit(learner.update, static_argnums=0)
 
 
-def targets_of(how, decisions, end):
+def targets_of(level_settings, decisions, end):
     """The targets (double, plain) of the first choice after these decisions.
 
     Args:
-        how: settings of the level.
+        level_settings: settings of the level.
         decisions: (reward, distance from the goal after it, goal reached, level ready after it).
         end: ``going on``, ``terminated`` or ``truncated``, of the last decision.
     """
-    pending = transitions.push(transitions.nothing(how, 1), jnp.float32([1.0]), jnp.int32(1))
+    pending = transitions.push(
+        transitions.empty(level_settings, 1), jnp.float32([1.0]), jnp.int32(1)
+    )
     memory = replay.empty(4, 1)
     for number, (reward, distance, reached, ready) in enumerate(decisions, start=1):
         last = number == len(decisions)
@@ -43,19 +45,28 @@ def targets_of(how, decisions, end):
             truncated=jnp.bool_(last and end == "truncated"),
         )
         feedback = Feedback(distance=jnp.float32(distance), reached=jnp.bool_(reached))
-        pending = transitions.gather(how, pending, outcome, feedback, jnp.float32(2.0))
+        pending = transitions.accumulate(
+            level_settings, pending, outcome, feedback, jnp.float32(2.0)
+        )
         emitted = transitions.emit(
-            how, pending, outcome, feedback, jnp.float32([3.0]), jnp.bool_(ready)
+            level_settings, pending, outcome, feedback, jnp.float32([3.0]), jnp.bool_(ready)
         )
         memory = replay.add(memory, emitted.transitions, emitted.complete)
         if last and end != "going on":
             # The world begins anew; what is written next must not change what was written.
             pending = transitions.push(
-                transitions.nothing(how, 1), jnp.float32([FRESH]), jnp.int32(0)
+                transitions.empty(level_settings, 1), jnp.float32([FRESH]), jnp.int32(0)
             )
-            fresh = transitions.gather(how, pending, replace_reward(outcome), feedback, 0.0)
+            fresh = transitions.accumulate(
+                level_settings, pending, replace_reward(outcome), feedback, 0.0
+            )
             later = transitions.emit(
-                how, fresh, replace_reward(outcome), feedback, jnp.float32([FRESH]), jnp.bool_(True)
+                level_settings,
+                fresh,
+                replace_reward(outcome),
+                feedback,
+                jnp.float32([FRESH]),
+                jnp.bool_(True),
             )
             memory = replay.add(memory, later.transitions, later.complete)
             assert int(memory.position) == 2
@@ -94,7 +105,7 @@ DONE = [(-2.0, 0.5, True, True)]
 
 
 @pytest.mark.parametrize(
-    ("how", "decisions", "end", "double", "plain"),
+    ("level_settings", "decisions", "end", "double", "plain"),
     [
         (level(), ONE, "going on", 0.25 + 0.5 * 12, 0.25 + 0.5 * 30),
         (level(), ONE, "terminated", 0.25, 0.25),
@@ -119,5 +130,7 @@ DONE = [(-2.0, 0.5, True, True)]
         (level(**PAID, goal_end="terminal"), DONE, "going on", 10.25, 10.25),
     ],
 )
-def test_targets(how, decisions, end, double, plain):
-    np.testing.assert_allclose(targets_of(how, decisions, end), (double, plain), rtol=1e-6)
+def test_targets(level_settings, decisions, end, double, plain):
+    np.testing.assert_allclose(
+        targets_of(level_settings, decisions, end), (double, plain), rtol=1e-6
+    )

@@ -9,8 +9,8 @@ import pytest
 from test_stage import COURSE
 
 from lanewise.evaluation import evaluator
-from lanewise.training import host, stage
-from lanewise.training.host import StagePlan
+from lanewise.training import stage, trainer
+from lanewise.training.trainer import StagePlan
 
 pytestmark = pytest.mark.slow
 IN_PLACE = {"parameter", "get-tuple-element", "bitcast", "scatter", "dynamic-update-slice"}
@@ -36,10 +36,10 @@ def written(program, shape):
     return found
 
 
-def replay_shape(course):
-    (_, how), *_ = course.learning
-    features = course.controller.levels[0].feature_count
-    return f"f32[{how.learner.replay_capacity},{2 * features + 3}]"
+def replay_shape(config):
+    (_, level_settings), *_ = config.learning
+    features = config.controller.levels[0].feature_count
+    return f"f32[{level_settings.learner.replay_capacity},{2 * features + 3}]"
 
 
 def test_the_replay_is_never_copied():
@@ -80,10 +80,10 @@ def test_each_entry_point_is_compiled_once():
     )
     plan = StagePlan("one", COURSE, validation, 150, validation_interval=1, fresh_episodes=1)
     entries = (stage.begin, stage.advance, evaluator.drive_block)
-    progress = host.begin(plan, {}, jax.random.key(3))
-    progress, _ = host.advance(plan, {}, progress)
+    progress = trainer.begin(plan, {}, jax.random.key(3))
+    progress, _ = trainer.advance(plan, {}, progress)
     after_one = [entry.__wrapped__._cache_size() for entry in entries]
     for _ in range(2):
-        progress, _ = host.advance(plan, {}, progress)
+        progress, _ = trainer.advance(plan, {}, progress)
     assert [entry.__wrapped__._cache_size() for entry in entries] == after_one
-    assert progress.ledger.chunks == 3
+    assert progress.counters.chunks == 3

@@ -33,7 +33,7 @@ def stage_key(number):
 
 def first_chunk(settings, number, frozen):
     """The library's state after the first chunk of a stage of preset ``quick``."""
-    course = recipe.course(settings, recipe.RECIPES["hierarchical"][number])
+    course = recipe.stage_config(settings, recipe.RECIPES["hierarchical"][number])
     begun = stage.begin(course, frozen, stage_key(number))
     return stage.advance(course, frozen, begun)[0]
 
@@ -64,7 +64,7 @@ def test_a_short_training_and_its_test_equal_the_library(example, capsys):
         state = first_chunk(settings, number, frozen)
         assert state.learners[levels[number]].updates == UPDATES
         frozen = frozen | stage.online(state.learners)
-    course = recipe.test_course(settings, "hierarchical")
+    course = recipe.evaluation_config(settings, "hierarchical")
     tested = evaluator.evaluate(course, frozen, SEED, example.TEST_EPISODES)
 
     ours = example.main(seed=SEED, decisions=(decisions, decisions))

@@ -18,7 +18,7 @@ def settings():
     [("planned", ["critic"]), ("hierarchical", ["critic", "timestep"]), ("h-dqn", ["critic"])],
 )
 def test_where_a_high_level_learns_the_critic_holds_its_goals(settings, name, renewals):
-    courses = [recipe.course(settings, stage) for stage in recipe.RECIPES[name]]
+    courses = [recipe.stage_config(settings, stage) for stage in recipe.RECIPES[name]]
     assert [course.controller.renewal for course in courses] == renewals
 
 
@@ -29,14 +29,17 @@ def test_goals_are_renewed_in_tests_as_in_the_last_training_unless_the_setting_s
     settings, name, renewal
 ):
     stage = recipe.RECIPES[name][-1]
-    for course in (recipe.test_course(settings, name), recipe.validation_course(settings, stage)):
+    for course in (
+        recipe.evaluation_config(settings, name),
+        recipe.validation_config(settings, stage),
+    ):
         assert course.controller.renewal == renewal
-    asked = recipe.test_course(settings, name, "timestep")
+    asked = recipe.evaluation_config(settings, name, "timestep")
     assert asked.controller.renewal == "timestep"
 
 
 def test_weights_are_chosen_on_validation_starts_alone(settings):
     for stages in recipe.RECIPES.values():
         for stage in stages:
-            assert recipe.validation_course(settings, stage).split == "validation"
-            assert recipe.test_course(settings, stage.controller).split == "test"
+            assert recipe.validation_config(settings, stage).split == "validation"
+            assert recipe.evaluation_config(settings, stage.controller).split == "test"

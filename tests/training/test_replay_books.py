@@ -64,25 +64,25 @@ COURSES = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", COURSES)
 def test_the_replay_holds_what_the_books_say(monkeypatch, name):
-    course, frozen = COURSES[name]
-    course = replay_books.noting(course)
-    state, seen = replay_books.drive(monkeypatch, course, frozen, jax.random.key(2), CHUNKS)
+    config, frozen = COURSES[name]
+    config = replay_books.noting(config)
+    state, seen = replay_books.drive(monkeypatch, config, frozen, jax.random.key(2), CHUNKS)
     ends = seen.outcome.over.sum()
     crashed = (seen.outcome.over & (seen.outcome.accident > 0)).sum()
     assert ends > 10
     assert 0 < crashed < ends
-    for level, how in course.learning:
-        expected = replay_books.book(course, seen, level)
+    for level, level_settings in config.learning:
+        expected = replay_books.book(config, seen, level)
         memory = state.replays[level]
         rows = np.asarray(memory.rows)
         # None is missing or superfluous but for those of the last iteration.
-        assert 0 <= int(memory.position) - len(expected) <= BUDGET.worlds * how.returns
+        assert 0 <= int(memory.position) - len(expected) <= BUDGET.worlds * level_settings.returns
         assert len(expected) > 60
         np.testing.assert_allclose(rows[: len(expected)], expected, rtol=2e-5, atol=2e-5)
         discounts = rows[: len(expected), (rows.shape[1] - 3) // 2 + 2]
         assert 0.0 in discounts
         assert len(np.unique(discounts)) > 1
         assert int(state.learners[level].updates) > 20
-    if "high_level" in frozen or len(course.learning) > 1:
+    if "high_level" in frozen or len(config.learning) > 1:
         assert seen.notes["reached"].any()
         assert not seen.notes["reached"].all()

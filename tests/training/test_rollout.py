@@ -19,7 +19,7 @@ from lanewise.learning import network
 from lanewise.learning.settings import LearnerSettings
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
 from lanewise.training import rollout
-from lanewise.training.rollout import Course
+from lanewise.training.rollout import StageConfig
 from lanewise.training.settings import BudgetSettings, LevelSettings
 
 DRIVING = DrivingSettings()
@@ -75,12 +75,14 @@ class Every:
 
 
 def course_of(action=FASTER, duration=250, **level):
-    how = LevelSettings(learner=LearnerSettings(discount=GAMMA), **level)
-    return Course(EMPTY, DRIVING, Every(action), BudgetSettings(duration=duration), (("q", how),))
+    level_settings = LevelSettings(learner=LearnerSettings(discount=GAMMA), **level)
+    return StageConfig(
+        EMPTY, DRIVING, Every(action), BudgetSettings(duration=duration), (("q", level_settings),)
+    )
 
 
-def parameters_of(course, hidden=(8,)):
-    level = course.level("q")
+def parameters_of(config, hidden=(8,)):
+    level = config.level("q")
     return network.init(jax.random.key(1), level.feature_count, hidden, level.choice_count)
 
 
@@ -88,17 +90,17 @@ BEGIN = jax.jit(rollout.begin, static_argnums=0)
 STEP = jax.jit(rollout.step, static_argnums=0)
 
 
-def drive(course, parameters, decisions, epsilon):
+def drive(config, parameters, decisions, epsilon):
     """(the first world, then per decision: the world, what each level emits, the stats)."""
-    first = state = BEGIN(course, parameters, jax.random.key(5))
-    everywhere = {name: jnp.float32(epsilon) for name, _ in course.learning}
+    first = state = BEGIN(config, parameters, jax.random.key(5))
+    everywhere = {name: jnp.float32(epsilon) for name, _ in config.learning}
     rows = []
     for key in jax.random.split(jax.random.key(6), decisions):
         key, start_key = jax.random.split(key)
-        state, emitted = STEP(course, parameters, state, everywhere, key)
+        state, emitted = STEP(config, parameters, state, everywhere, key)
         stats = state.episode.stats
         if stats.outcome.over:
-            state = BEGIN(course, parameters, start_key)
+            state = BEGIN(config, parameters, start_key)
         rows.append((state, emitted, stats))
     return first, jax.tree.map(lambda *leaves: np.stack(leaves), *jax.device_get(rows))
 
@@ -111,44 +113,48 @@ def features_at(state, count):
     return [float(ego.x[0]), float(ego.y[0]), float(ego.speed[0]), float(count)]
 
 
-def pay(how, outcome, before, speed):
+def pay(level_settings, outcome, before, speed):
     """What a level is paid for a decision between two speeds, worked out by hand."""
-    reward = how.external_weight * float(outcome.reward)
+    reward = level_settings.external_weight * float(outcome.reward)
     if not outcome.terminated:
-        reward -= how.tracking_weight * speed / 10.0
-        reward += how.approach_weight * (before - speed) / 10.0
-        reward += how.goal_reward if speed >= REACHED else 0.0
+        reward -= level_settings.tracking_weight * speed / 10.0
+        reward += level_settings.approach_weight * (before - speed) / 10.0
+        reward += level_settings.goal_reward if speed >= REACHED else 0.0
     return reward
 
 
-def plain_episode(course, first):
+def plain_episode(config, first):
     """(features before and after every decision, rewards, outcomes) of the first episode."""
-    _, how = course.learning[0]
+    _, level_settings = config.learning[0]
     state, seen, rewards, outcomes = first.episode, [], [], []
     while not outcomes or not outcomes[-1].over:
         seen.append(features_at(state, len(rewards)))
-        action = jnp.int32(course.controller.action)
+        action = jnp.int32(config.controller.action)
         before = float(state.world.vehicles.speed[0])
-        state = EPISODE_STEP(state, action, course.budget.duration)
-        rewards.append(pay(how, state.outcome, before, float(state.world.vehicles.speed[0])))
+        state = EPISODE_STEP(state, action, config.budget.duration)
+        rewards.append(
+            pay(level_settings, state.outcome, before, float(state.world.vehicles.speed[0]))
+        )
         outcomes.append(state.outcome)
     return [*seen, features_at(state, len(rewards))], rewards, outcomes
 
 
-def booked(course, first):
+def booked(config, first):
     """The transitions of the first episode, each a dict, and how many decisions it took."""
-    _, how = course.learning[0]
-    seen, rewards, outcomes = plain_episode(course, first)
+    _, level_settings = config.learning[0]
+    seen, rewards, outcomes = plain_episode(config, first)
     length, found = len(rewards), []
     for start in range(0, length, 3):
-        end = min(start + 3 * how.returns, length)
+        end = min(start + 3 * level_settings.returns, length)
         k = end - start
         choices = -(-k // 3)
-        per_goal = how.discount_across_goal == "per-goal"
+        per_goal = level_settings.discount_across_goal == "per-goal"
         weights = [GAMMA ** (i // 3 if per_goal else i) for i in range(k)]
         last = outcomes[end - 1]
-        lost = bool(last.terminated) or (how.time_out == "terminal" and bool(last.truncated))
-        lost |= how.goal_end == "terminal" and seen[end][2] >= REACHED
+        lost = bool(last.terminated) or (
+            level_settings.time_out == "terminal" and bool(last.truncated)
+        )
+        lost |= level_settings.goal_end == "terminal" and seen[end][2] >= REACHED
         found.append(
             {
                 "at": end - 1,
@@ -196,10 +202,10 @@ QUICK = (0, 5)
     ],
 )
 def test_transitions_are_those_of_the_plain_books(variant):
-    course = course_of(**variant)
-    parameters = {"q": parameters_of(course)}
-    first, (worlds, emitted, stats) = drive(course, parameters, 16, 0.0)
-    expected, length, terminated = booked(course, first)
+    config = course_of(**variant)
+    parameters = {"q": parameters_of(config)}
+    first, (worlds, emitted, stats) = drive(config, parameters, 16, 0.0)
+    expected, length, terminated = booked(config, first)
     assert terminated == (variant["duration"] == 40)
     assert length < 16
     done = np.flatnonzero(stats.outcome.over)
@@ -223,15 +229,15 @@ def test_transitions_are_those_of_the_plain_books(variant):
 
 def test_some_goals_are_reached_and_some_are_not():
     """So that the variant paid for goals tells something."""
-    course = course_of(**VARIANTS[-1])
-    first, _ = drive(course, {"q": parameters_of(course)}, 16, 0.0)
-    rewards = plain_episode(course, first)[1]
+    config = course_of(**VARIANTS[-1])
+    first, _ = drive(config, {"q": parameters_of(config)}, 16, 0.0)
+    rewards = plain_episode(config, first)[1]
     assert {0.0, 2.0} <= set(rewards)
 
 
 def test_stats_episodes_carry_the_sums_of_the_plain_drive():
-    course = course_of(**VARIANTS[1])
-    first, (_, _, stats) = drive(course, {"q": parameters_of(course)}, 16, 0.0)
+    config = course_of(**VARIANTS[1])
+    first, (_, _, stats) = drive(config, {"q": parameters_of(config)}, 16, 0.0)
     state, rewards, speeds = first.episode, [], []
     for _ in range(7):
         state = EPISODE_STEP(state, jnp.int32(FASTER), 7)
@@ -260,11 +266,11 @@ TWO_LEVELS = {
 def two_level_drive(*learning):
     """Sixty decisions of the hierarchical controller while the given levels learn."""
     goals = GoalSettings(time_limit=2.0)
-    course = Course(
+    config = StageConfig(
         EMPTY, DRIVING, Hierarchical(DRIVING, goals, "critic"), BudgetSettings(), learning
     )
-    first, rest = drive(course, TWO_LEVELS, 60, 0.3)
-    return course, first, *rest
+    first, rest = drive(config, TWO_LEVELS, 60, 0.3)
+    return config, first, *rest
 
 
 def before(worlds, first, name):
@@ -299,8 +305,8 @@ def test_a_new_goal_is_in_the_next_features_of_the_decision_before_it():
 
 def test_when_both_levels_learn_the_low_level_is_judged_by_the_goal_it_acted_for():
     """h-DQN: the goal of a transition is the same before and after the decision."""
-    how = (("high_level", LevelSettings()), ("low_level", LevelSettings()))
-    _, _, worlds, emitted, stats = two_level_drive(*how)
+    level_settings = (("high_level", LevelSettings()), ("low_level", LevelSettings()))
+    _, _, worlds, emitted, stats = two_level_drive(*level_settings)
     low, high = emitted["low_level"], emitted["high_level"]
     assert low.complete.all()
     going_on = ~np.asarray(stats.outcome.over)
@@ -328,16 +334,16 @@ def test_when_both_levels_learn_the_low_level_is_judged_by_the_goal_it_acted_for
 
 def test_the_two_levels_explore_by_themselves():
     """At epsilon 1 the choices of neither level can be told from those of the other."""
-    how = (("high_level", LevelSettings()), ("low_level", LevelSettings()))
-    course = Course(
+    level_settings = (("high_level", LevelSettings()), ("low_level", LevelSettings()))
+    config = StageConfig(
         EMPTY,
         DRIVING,
         Hierarchical(DRIVING, GoalSettings(time_limit=0.5), "decision"),
         BudgetSettings(),
-        how,
+        level_settings,
     )
-    _, (_, emitted, _) = drive(course, TWO_LEVELS, 400, 1.0)
-    high, low = (np.asarray(emitted[name].transitions.action)[:, 0] for name, _ in how)
+    _, (_, emitted, _) = drive(config, TWO_LEVELS, 400, 1.0)
+    high, low = (np.asarray(emitted[name].transitions.action)[:, 0] for name, _ in level_settings)
     counts = np.histogram2d(high, low, bins=9)[0]
     # Chi-square of independence with 64 degrees of freedom: mean 64, standard deviation 11.3.
     expected = np.outer(counts.sum(1), counts.sum(0)) / counts.sum()
@@ -345,10 +351,12 @@ def test_the_two_levels_explore_by_themselves():
 
 
 def test_a_held_choice_is_one_transition():
-    how = LevelSettings(discount_across_goal="per-decision")
-    course = Course(EMPTY, DRIVING, SingleLevel(hold=4), BudgetSettings(), (("single_level", how),))
+    level_settings = LevelSettings(discount_across_goal="per-decision")
+    config = StageConfig(
+        EMPTY, DRIVING, SingleLevel(hold=4), BudgetSettings(), (("single_level", level_settings),)
+    )
     parameters = {"single_level": network.init(jax.random.key(2), 26, (8,), 9)}
-    _, (worlds, emitted, stats) = drive(course, parameters, 40, 0.5)
+    _, (worlds, emitted, stats) = drive(config, parameters, 40, 0.5)
     flat = emitted["single_level"]
     decisions = np.asarray(worlds.episode.stats.decisions)
     complete = np.asarray(flat.complete)[:, 0]
@@ -366,8 +374,8 @@ def test_a_held_choice_is_one_transition():
 
 
 def test_the_next_decision_starts_from_the_features_the_last_one_led_to():
-    course = course_of(**VARIANTS[1])
-    _, (_, emitted, stats) = drive(course, {"q": parameters_of(course)}, 16, 0.0)
+    config = course_of(**VARIANTS[1])
+    _, (_, emitted, stats) = drive(config, {"q": parameters_of(config)}, 16, 0.0)
     at = np.flatnonzero(emitted["q"].complete[:, 0])
     at = at[at <= np.argmax(stats.outcome.over)]
     assert len(at) == 3

@@ -16,7 +16,7 @@ from lanewise.learning.replay import Transition
 from lanewise.learning.settings import ExplorationSettings, LearnerSettings
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
 from lanewise.training import stage
-from lanewise.training.rollout import Course
+from lanewise.training.rollout import StageConfig
 from lanewise.training.settings import StageSettings
 
 SETTINGS = StageSettings(
@@ -26,7 +26,7 @@ SETTINGS = StageSettings(
     exploration=ExplorationSettings(steps=400),
     learner=LearnerSettings(hidden=(8,), batch_size=8, warm_up=50, replay_capacity=150),
 )
-COURSE = Course(
+COURSE = StageConfig(
     TrapSettings(traffic=TrafficSettings(vehicles_ahead=0)),
     DrivingSettings(),
     SingleLevel(),
@@ -140,15 +140,15 @@ def test_every_update_draws_its_own_batch(monkeypatch):
     )
     memory = replay.add(replay.empty(16, 2), batch, jnp.ones(16, bool))
 
-    def note(how, seen, drawn):
+    def note(level_settings, seen, drawn):
         """In place of an update: which transitions were drawn, as bits."""
         return seen | (1 << drawn.action[0]), SimpleNamespace(loss=1.0, mean_q=2.0)
 
     monkeypatch.setattr(stage.learner, "update", note)
-    how = replace(SETTINGS, learner=replace(SETTINGS.learner, batch_size=1))
+    level_settings = replace(SETTINGS, learner=replace(SETTINGS.learner, batch_size=1))
     sums = (jnp.float32(0.0),) * 3
     key = jax.random.key(0)
-    seen, sums = stage._learn(how, jnp.int32(0), memory, sums, jnp.int32(12), key)
+    seen, sums = stage._learn(level_settings, jnp.int32(0), memory, sums, jnp.int32(12), key)
     assert int(seen).bit_count() > 4
     assert [float(one) for one in sums] == [12.0, 12.0, 24.0]
 
@@ -196,18 +196,18 @@ def test_a_chunk_moves_nothing_between_host_and_device():
 
 
 def h_dqn_course(**low_level):
-    how = (
+    level_settings = (
         ("high_level", SETTINGS),
         ("low_level", replace(SETTINGS, updates_per_step=0.5, **low_level)),
     )
     controller = Hierarchical(DrivingSettings(), GoalSettings(), "critic", "h-dqn")
-    return Course(COURSE.scenario, DrivingSettings(), controller, SETTINGS, how)
+    return StageConfig(COURSE.scenario, DrivingSettings(), controller, SETTINGS, level_settings)
 
 
-def two_chunks(course):
-    state = stage.begin(course, {}, jax.random.key(1))
+def two_chunks(config):
+    state = stage.begin(config, {}, jax.random.key(1))
     for _ in range(2):
-        state, metrics = stage.advance(course, {}, state)
+        state, metrics = stage.advance(config, {}, state)
     return state, metrics
 
 
@@ -232,8 +232,8 @@ def test_both_levels_learn_together_each_by_its_own_rules():
 def test_what_pays_the_low_level_does_not_reach_the_high_level_of_a_first_chunk():
     """Before the first update nothing of a level can depend on how the other is paid."""
     states = [
-        stage.advance(course, {}, stage.begin(course, {}, jax.random.key(1)))[0]
-        for course in (
+        stage.advance(config, {}, stage.begin(config, {}, jax.random.key(1)))[0]
+        for config in (
             h_dqn_course(learner=replace(SETTINGS.learner, warm_up=10_000, replay_capacity=10_000)),
             h_dqn_course(
                 external_weight=0.0,

@@ -33,23 +33,23 @@ def feedback(distance=4.0, reached=False):
     return Feedback(distance=jnp.float32(distance), reached=jnp.bool_(reached))
 
 
-def chosen(how, count):
+def chosen(level_settings, count):
     """``count`` choices, of features [number, number] and action number, the first one 1."""
-    pending = transitions.nothing(how, 2)
+    pending = transitions.empty(level_settings, 2)
     for number in range(1, count + 1):
         pending = transitions.push(pending, jnp.full(2, float(number)), jnp.int32(number))
     return pending
 
 
-def gathered(how, pending, *results):
+def gathered(level_settings, pending, *results):
     for result, seen in results:
-        pending = transitions.gather(how, pending, result, seen, jnp.float32(6.0))
+        pending = transitions.accumulate(level_settings, pending, result, seen, jnp.float32(6.0))
     return pending
 
 
-def emitted(how, pending, result=None, seen=None, ready=False):
+def emitted(level_settings, pending, result=None, seen=None, ready=False):
     result, seen = result or outcome(), seen or feedback()
-    return transitions.emit(how, pending, result, seen, AFTER, jnp.bool_(ready))
+    return transitions.emit(level_settings, pending, result, seen, AFTER, jnp.bool_(ready))
 
 
 def test_a_decision_is_paid_by_what_came_of_it():
@@ -80,29 +80,29 @@ def test_later_rewards_count_less():
 
 
 def test_choices_back_count_their_place():
-    how = replace(PLAIN, returns=3, discount_across_goal="per-goal")
-    pending = gathered(how, chosen(how, 4), (outcome(), feedback()))
+    level_settings = replace(PLAIN, returns=3, discount_across_goal="per-goal")
+    pending = gathered(level_settings, chosen(level_settings, 4), (outcome(), feedback()))
     assert pending.choice.tolist() == [4, 3, 2]
     np.testing.assert_allclose(pending.reward, [21.0, 10.5, 5.25])
-    found = emitted(how, pending)
+    found = emitted(level_settings, pending)
     np.testing.assert_allclose(found.transitions.discount, [0.5, 0.25, 0.125])
     assert found.transitions.features[:, 0].tolist() == [4.0, 3.0, 2.0]
     assert found.transitions.next_features.tolist() == [AFTER.tolist()] * 3
 
 
 def test_only_choices_of_this_episode_are_complete_the_oldest_first():
-    how = replace(PLAIN, returns=3)
+    level_settings = replace(PLAIN, returns=3)
     done = outcome(truncated=True)
     for count, ready, at_end in (
         (1, [False] * 3, [True, False, False]),
         (2, [False] * 3, [True, True, False]),
         (5, [False, False, True], [True] * 3),
     ):
-        pending = chosen(how, count)
+        pending = chosen(level_settings, count)
         assert int(pending.count) == min(count, 3)
-        assert emitted(how, pending).complete.tolist() == [False] * 3
-        assert emitted(how, pending, ready=True).complete.tolist() == ready
-        assert emitted(how, pending, done).complete.tolist() == at_end
+        assert emitted(level_settings, pending).complete.tolist() == [False] * 3
+        assert emitted(level_settings, pending, ready=True).complete.tolist() == ready
+        assert emitted(level_settings, pending, done).complete.tolist() == at_end
 
 
 @pytest.mark.parametrize(
@@ -114,13 +114,13 @@ def test_only_choices_of_this_episode_are_complete_the_oldest_first():
     ],
 )
 def test_what_ends_the_future(changes, endings):
-    how = replace(PLAIN, **changes)
-    pending = chosen(how, 1)
+    level_settings = replace(PLAIN, **changes)
+    pending = chosen(level_settings, 1)
     for name, result, seen in (
         ("none", outcome(), feedback()),
         ("terminated", outcome(terminated=True), feedback()),
         ("truncated", outcome(truncated=True), feedback()),
         ("reached", outcome(), feedback(reached=True)),
     ):
-        discount = float(emitted(how, pending, result, seen).transitions.discount[0])
+        discount = float(emitted(level_settings, pending, result, seen).transitions.discount[0])
         assert discount == (0.0 if name in endings else 1.0), name

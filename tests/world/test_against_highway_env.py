@@ -17,6 +17,7 @@ from world_views import look, neighbours_on
 from lanewise.interop.highway_env import build_env, command_table, read_world
 from lanewise.world import (
     bicycle,
+    bitset,
     boxes,
     build,
     collision,
@@ -24,7 +25,6 @@ from lanewise.world import (
     mobil,
     motion,
     road,
-    sets,
     steering,
     tick,
 )
@@ -144,7 +144,9 @@ def test_steering(scene):
 
 def test_the_steering_angle_of_a_slip():
     angles = jnp.linspace(-1.4, 1.4, 57)
-    np.testing.assert_allclose(steering.of_slip(steering.slip_sine(angles)), angles, rtol=1e-12)
+    np.testing.assert_allclose(
+        steering.from_slip_sine(steering.slip_sine(angles)), angles, rtol=1e-12
+    )
 
 
 def test_outside_the_road_there_is_no_lane():
@@ -171,13 +173,13 @@ def test_a_pair_is_checked_when_either_checks(make_world):
     ):
         drivers = replace(world.drivers, checks_collisions=jnp.array(checks))
         some = replace(world, drivers=drivers)
-        everyone = boxes.of_vehicles(some, motion.facing(some.vehicles))
+        everyone = boxes.of_vehicles(some, motion.heading_trig(some.vehicles))
         assert collision.candidates(some, everyone, 0.1)[0].tolist() == met
 
 
 def test_bicycle(scene):
     world = bicycle.command(scene.world, 0.7, -0.3)
-    moved = bicycle.move(world, motion.facing(world.vehicles), 0.1).vehicles
+    moved = bicycle.move(world, motion.heading_trig(world.vehicles), 0.1).vehicles
     ego = scene.env.road.vehicles[0]
     ego.act({"acceleration": 0.7, "steering": -0.3})
     ego.step(0.1)
@@ -191,7 +193,7 @@ def test_separating_axes(make_world):
 
     @jax.jit
     def of_the_first_two(world):
-        everyone = boxes.of_vehicles(world, motion.facing(world.vehicles))
+        everyone = boxes.of_vehicles(world, motion.heading_trig(world.vehicles))
         mine, theirs = (boxes.Box(*(value[i] for value in everyone)) for i in range(2))
         return boxes.overlap(mine, theirs, 0.1)
 
@@ -270,18 +272,18 @@ def test_batched_worlds_are_the_single_ones(make_world):
 def test_sets_across_words(count):
     rng = np.random.default_rng(count)
     inside = rng.random((20, count)) < 0.1
-    words = sets.where(count, lambda member: jnp.array(inside[:, member]))
-    for row, low in enumerate(sets.smallest(words).tolist()):
+    words = bitset.where(count, lambda member: jnp.array(inside[:, member]))
+    for row, low in enumerate(bitset.smallest(words).tolist()):
         members = np.flatnonzero(inside[row])
         assert low == (members[0] if members.size else -1)
     limit = jnp.arange(count + 1)
-    left = sets.without(sets.where(count, lambda _: limit >= 0), sets.below(limit, count))
+    left = bitset.without(bitset.where(count, lambda _: limit >= 0), bitset.below(limit, count))
     # What is not below a limit begins with it.
-    np.testing.assert_array_equal(sets.smallest(left), np.where(limit < count, limit, -1))
-    above = sets.both(sets.below(limit, count), sets.single(jnp.maximum(limit - 1, 0), count))
-    np.testing.assert_array_equal(sets.smallest(above), limit - 1)
-    single = sets.single(limit[:-1], count)
-    np.testing.assert_array_equal(sets.smallest(single), limit[:-1])
+    np.testing.assert_array_equal(bitset.smallest(left), np.where(limit < count, limit, -1))
+    above = bitset.both(bitset.below(limit, count), bitset.single(jnp.maximum(limit - 1, 0), count))
+    np.testing.assert_array_equal(bitset.smallest(above), limit - 1)
+    single = bitset.single(limit[:-1], count)
+    np.testing.assert_array_equal(bitset.smallest(single), limit[:-1])
 
 
 def test_settings_reach_the_driver():
@@ -305,7 +307,7 @@ def test_the_quick_test_of_collisions_never_misses_a_pair(make_world):
 
     @jax.jit
     def quick_and_exact(world):
-        everyone = boxes.of_vehicles(world, motion.facing(world.vehicles))
+        everyone = boxes.of_vehicles(world, motion.heading_trig(world.vehicles))
         a, b = (boxes.Box(*(value.reshape(shape) for value in everyone)) for shape in PAIRS)
         return collision.candidates(world, everyone, 0.1)[0], boxes.overlap(a, b, 0.1)
 

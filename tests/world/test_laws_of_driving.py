@@ -22,9 +22,9 @@ DRIVING, REWARD = DrivingSettings(), RewardSettings()
 
 @jax.jit
 def _observe(world, steering):
-    code = accidents.of_ego(world, DRIVING.stopped_speed)
+    code = accidents.ego_accident(world, DRIVING.stopped_speed)
     views = [observation.features(ObservationSettings(scaling=name), world) for name in SCALINGS]
-    return views, reward.of_decision(REWARD, world, steering, code != accidents.NONE), code
+    return views, reward.decision_reward(REWARD, world, steering, code != accidents.NONE), code
 
 
 def observe(world, steering):

@@ -23,8 +23,8 @@ from lanewise.learning import learner, replay
 from lanewise.learning.learner import Learner
 from lanewise.learning.replay import Replay, Transition
 from lanewise.learning.settings import LearnerSettings
-from lanewise.training import host, recipe, seeds, stage
-from lanewise.training.host import StagePlan, StageProgress
+from lanewise.training import multi_seed, recipe, stage, trainer
+from lanewise.training.trainer import StagePlan, StageProgress
 
 Timed = Callable[[], dict[str, Any]]
 CHUNK = 50
@@ -200,14 +200,14 @@ def training_plan(worlds: int, warm_up: int) -> StagePlan:
     """The stage without end and without validation, its first update after ``warm_up`` steps."""
     settings = config.compose()
     (single_level,) = recipe.RECIPES["single-level"]
-    course = recipe.course(settings, single_level)
+    course = recipe.stage_config(settings, single_level)
     ((name, level),) = course.learning
     level = replace(level, updates_per_step=1.0, learner=replace(level.learner, warm_up=warm_up))
     budget = replace(course.budget, worlds=worlds, decisions=2_000_000_000, keep="last")
     return StagePlan(
         name="single-level",
-        course=replace(course, budget=budget, learning=((name, level),)),
-        validation=recipe.validation_course(settings, single_level),
+        config=replace(course, budget=budget, learning=((name, level),)),
+        validation=recipe.validation_config(settings, single_level),
         validation_episodes=0,
         validation_interval=1_000_000,
         fresh_episodes=0,
@@ -216,9 +216,9 @@ def training_plan(worlds: int, warm_up: int) -> StagePlan:
 
 def past_warm_up(plan: StagePlan, seed: int) -> StageProgress:
     """A training, compiled and past `WARM_UP`."""
-    progress = host.begin(plan, {}, jax.random.key(seed))
-    while progress.ledger.decisions <= WARM_UP:
-        progress, _ = host.advance(plan, {}, progress)
+    progress = trainer.begin(plan, {}, jax.random.key(seed))
+    while progress.counters.decisions <= WARM_UP:
+        progress, _ = trainer.advance(plan, {}, progress)
     return progress
 
 
@@ -228,16 +228,16 @@ def _chunk_by_chunk(plan: StagePlan, seed: int) -> Callable[[], None]:
 
     def call() -> None:
         nonlocal progress
-        progress, _ = host.advance(plan, {}, progress)  # Waits for the chunk's metrics.
+        progress, _ = trainer.advance(plan, {}, progress)  # Waits for the chunk's metrics.
 
     return call
 
 
 def many_seeds(count: int, worlds: int, seconds: float, seed: int = 0) -> Timed:
     """Steps/s of all trainings of ``count`` seeds in one compiled loop."""
-    course = training_plan(worlds, WARM_UP).course
-    advance = seeds.advance(course)
-    state = seeds.begin(course, jax.random.split(jax.random.key(seed), count))
+    course = training_plan(worlds, WARM_UP).config
+    advance = multi_seed.advance(course)
+    state = multi_seed.begin(course, jax.random.split(jax.random.key(seed), count))
 
     def call() -> None:
         nonlocal state

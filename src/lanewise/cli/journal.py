@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from lanewise.errors import RunError
-from lanewise.evaluation.grid import Outcome, Reach
+from lanewise.evaluation.grid import PointResult, Reach
 from lanewise.runs.run_folder import require_outside
 from lanewise.system import folder_io, safe_io
 from lanewise.system.folder_io import PARTIAL, OpenFolder, write_atomically
@@ -21,7 +21,7 @@ from lanewise.system.folder_io import PARTIAL, OpenFolder, write_atomically
 _LARGEST = 1_000_000_000
 _FORMAT, _VERSION = "lanewise-sweep", 1
 """Which a journal need not say."""
-_KINDS: dict[str, type] = {"Reach": Reach, "Outcome": Outcome}
+_KINDS: dict[str, type] = {"Reach": Reach, "PointResult": PointResult}
 
 
 @dataclass
@@ -29,14 +29,14 @@ class Journal:
     """What is done so far."""
 
     reached: list[Reach]
-    outcomes: list[Outcome]
+    outcomes: list[PointResult]
     file: IO[str]
     digest: str
     """Of all lines so far; the first stands for what the sweep is."""
     folder: OpenFolder
     """Locked; closing it gives it back."""
 
-    def add(self, found: list[Reach] | list[Outcome]) -> None:
+    def add(self, found: list[Reach] | list[PointResult]) -> None:
         """Keep some results; a kill loses only what came after.
 
         Raises:
@@ -80,7 +80,7 @@ def open_(path: Path, identity: dict[str, Any]) -> Journal:
         raise
     return Journal(
         reached=[result for result in results if isinstance(result, Reach)],
-        outcomes=[result for result in results if isinstance(result, Outcome)],
+        outcomes=[result for result in results if isinstance(result, PointResult)],
         file=os.fdopen(file, "a", encoding="utf-8"),
         digest=digest,
         folder=folder,
@@ -104,7 +104,7 @@ def check_place(path: Path) -> bool:
     return False
 
 
-def read(path: Path, identity: dict[str, Any]) -> tuple[bytes, list[Reach | Outcome], str]:
+def read(path: Path, identity: dict[str, Any]) -> tuple[bytes, list[Reach | PointResult], str]:
     """(the whole lines of a journal, their results, the last one's digest); changes nothing.
 
     Raises:
@@ -136,12 +136,12 @@ def _whole_lines(content: bytes) -> Iterator[bytes]:
     return (line for line in content.splitlines(keepends=True) if line.endswith(b"\n"))
 
 
-def _result(record: Any, before: str) -> Reach | Outcome:
+def _result(record: Any, before: str) -> Reach | PointResult:
     """Raises ValueError unless it is one, as it was written after the line before."""
     if not isinstance(record, dict) or record.get("digest") != _digest(before, record):
         raise ValueError("a line was altered, left out or moved")
     values = {name: value for name, value in record.items() if name not in ("kind", "digest")}
-    result: Reach | Outcome = _KINDS[record["kind"]](**values)
+    result: Reach | PointResult = _KINDS[record["kind"]](**values)
     return result
 
 

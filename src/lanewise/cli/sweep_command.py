@@ -14,7 +14,7 @@ from lanewise.cli.journal import Journal
 from lanewise.config.settings import Settings
 from lanewise.errors import RunError, SettingsError, one_line, shell_line
 from lanewise.evaluation import grid as grids
-from lanewise.evaluation.grid import Cell, Grid, Outcome, Reach
+from lanewise.evaluation.grid import Cell, Grid, PointResult, Reach
 from lanewise.fields.ranges import SEEDS, Between
 from lanewise.runs import pretrained
 from lanewise.runs.run_folder import RunFolder
@@ -113,7 +113,7 @@ def _work(
     from lanewise.experiments import evaluate_trained
 
     points = grid.points()
-    course = sweep.course(evaluate_trained.evaluation_config(controller), grid)
+    course = sweep.config(evaluate_trained.evaluation_config(controller), grid)
     # Traffic is ignored when asking what can be won, so one of each set of traffics suffices.
     apart = points[:: grid.traffics]
     done = len(journal.reached)
@@ -141,7 +141,7 @@ def _lost(reached: list[Reach]) -> int:
     return sum(not reach.winnable for reach in reached)
 
 
-def _successes(outcomes: list[Outcome]) -> float:
+def _successes(outcomes: list[PointResult]) -> float:
     return sum(o.successes for o in outcomes) / sum(o.episodes for o in outcomes)
 
 

@@ -34,7 +34,7 @@ def start(settings: GoalSettings, percept: Percept) -> GoalMemory:
     """The memory at an episode's start: no goal yet, the first one relative to the moment."""
     zero = jnp.int32(0)
     return GoalMemory(
-        goal=goals.of_moment(settings, percept),
+        goal=goals.goal_from_state(settings, percept),
         age=zero,
         due=jnp.bool_(True),
         ended=zero,
@@ -50,7 +50,7 @@ def reached(settings: GoalSettings, goal: Goal, percept: Percept) -> Array:
     )
 
 
-def review(
+def update_goal_status(
     settings: GoalSettings,
     driving: DrivingSettings,
     renewal: str,
@@ -84,7 +84,7 @@ def review(
 
 
 def lifetime(settings: GoalSettings, driving: DrivingSettings, renewal: str) -> int:
-    """Decisions after which a goal that was not reached is replaced; ``renewal`` as in `review`."""
+    """Decisions after which a goal is replaced unreached; see `update_goal_status`."""
     limit = _limit(settings, driving)
     return {"critic": limit, "timestep": driving.decisions_per_timestep, "decision": 1}[renewal]
 
@@ -94,14 +94,14 @@ def _limit(settings: GoalSettings, driving: DrivingSettings) -> int:
     return driving.decisions_in(settings.time_limit)
 
 
-def renew(
+def maybe_renew_goal(
     settings: GoalSettings, memory: GoalMemory, percept: Percept, action: Array
 ) -> GoalMemory:
     """Set a new goal by a high-level action where one is due; otherwise keep the goal."""
     reference = memory.goal
     if settings.reference == "current-state":
-        reference = goals.of_moment(settings, percept)
-    new = goals.moved(settings, reference, percept, action)
+        reference = goals.goal_from_state(settings, percept)
+    new = goals.apply_high_level_action(settings, reference, percept, action)
     return GoalMemory(
         goal=jax.tree.map(lambda n, o: jnp.where(memory.due, n, o), new, memory.goal),
         age=jnp.where(memory.due, 0, memory.age),
@@ -111,7 +111,7 @@ def renew(
     )
 
 
-def grown(memory: GoalMemory) -> GoalMemory:
+def increment_age(memory: GoalMemory) -> GoalMemory:
     """The memory one decision later."""
     return GoalMemory(
         goal=memory.goal,

@@ -41,7 +41,7 @@ def action_count(settings: GoalSettings) -> int:
     return len(ACTION_SETS[settings.action_set])
 
 
-def of_moment(settings: GoalSettings, percept: Percept) -> Goal:
+def goal_from_state(settings: GoalSettings, percept: Percept) -> Goal:
     """The goal of going on as now: current lane and speed, within the bounds of goals."""
     return Goal(
         lane=percept.lane,
@@ -49,7 +49,9 @@ def of_moment(settings: GoalSettings, percept: Percept) -> Goal:
     )
 
 
-def moved(settings: GoalSettings, reference: Goal, percept: Percept, action: Array) -> Goal:
+def apply_high_level_action(
+    settings: GoalSettings, reference: Goal, percept: Percept, action: Array
+) -> Goal:
     """The goal a high-level action makes of ``reference``: clipped to the road and the bounds."""
     steps = jnp.asarray(np.array(ACTION_SETS[settings.action_set], np.int32))[action]
     last_lane = jnp.sum(percept.road.present.astype(jnp.int32)) - 1

@@ -48,11 +48,11 @@ class Hierarchical:
 
     def perceive(self, memory: TwoLevelMemory, percept: Percept) -> TwoLevelMemory:
         """The goal critic looks at the goal."""
-        return levels.review(self.goals, self.driving, self.renewal, memory, percept)
+        return levels.update_goal_status(self.goals, self.driving, self.renewal, memory, percept)
 
     def act(self, memory: TwoLevelMemory, percept: Percept) -> tuple[Array, TwoLevelMemory]:
         """The low level's action."""
-        return memory.action, levels.grown(memory)
+        return memory.action, levels.increment_age(memory)
 
     def feedback(self, memory: TwoLevelMemory, percept: Percept) -> Feedback:
         """Of the goal."""

@@ -49,7 +49,9 @@ class HighLevel:
 
     def choose(self, memory: TwoLevelMemory, percept: Percept, choice: Array) -> TwoLevelMemory:
         """A new goal, where one is due."""
-        return replace(memory, goal=goal_critic.renew(self.goals, memory.goal, percept, choice))
+        return replace(
+            memory, goal=goal_critic.maybe_renew_goal(self.goals, memory.goal, percept, choice)
+        )
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ def start(settings: GoalSettings, percept: Percept) -> TwoLevelMemory:
     return TwoLevelMemory(goal=goal_critic.start(settings, percept), action=jnp.int32(0))
 
 
-def review(
+def update_goal_status(
     settings: GoalSettings,
     driving: DrivingSettings,
     renewal: str,
@@ -92,7 +94,7 @@ def review(
     percept: Percept,
 ) -> TwoLevelMemory:
     """The goal critic looks at the goal."""
-    goal = goal_critic.review(settings, driving, renewal, memory.goal, percept)
+    goal = goal_critic.update_goal_status(settings, driving, renewal, memory.goal, percept)
     return replace(memory, goal=goal)
 
 
@@ -105,6 +107,6 @@ def feedback(settings: GoalSettings, memory: TwoLevelMemory, percept: Percept) -
     )
 
 
-def grown(memory: TwoLevelMemory) -> TwoLevelMemory:
+def increment_age(memory: TwoLevelMemory) -> TwoLevelMemory:
     """The memory one decision later."""
-    return replace(memory, goal=goal_critic.grown(memory.goal))
+    return replace(memory, goal=goal_critic.increment_age(memory.goal))

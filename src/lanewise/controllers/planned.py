@@ -44,12 +44,12 @@ class Planned:
 
     def perceive(self, memory: TwoLevelMemory, percept: Percept) -> TwoLevelMemory:
         """The goal critic looks at the goal."""
-        return levels.review(self.goals, self.driving, self.renewal, memory, percept)
+        return levels.update_goal_status(self.goals, self.driving, self.renewal, memory, percept)
 
     def act(self, memory: TwoLevelMemory, percept: Percept) -> tuple[Array, TwoLevelMemory]:
         """The planner's action."""
         action = planner.act(self.planner, self.driving, memory.goal.goal, percept)
-        return action, levels.grown(memory)
+        return action, levels.increment_age(memory)
 
     def feedback(self, memory: TwoLevelMemory, percept: Percept) -> Feedback:
         """Of the goal."""

@@ -4,14 +4,14 @@ import jax.numpy as jnp
 from jax import Array
 
 from lanewise.world import road
-from lanewise.world.select import pick
+from lanewise.world.indexing import select_by_index
 from lanewise.world.state import World
 
 NONE, COLLISION, OFF_ROAD, STOPPED = 0, 1, 2, 3
 """Accident codes; where several happen at once the first of the list is reported."""
 
 
-def of_ego(world: World, stopped_speed: float) -> Array:
+def ego_accident(world: World, stopped_speed: float) -> Array:
     """Code of the accident the ego is in, or NONE; int32 [].
 
     Off the road is highway-env's ``not vehicle.on_road``: the centre is farther from the nearest
@@ -28,10 +28,10 @@ def off_road(world: World) -> Array:
     x, y = world.vehicles.x[0], world.vehicles.y[0]
     lane = road.closest_lane(world.road, x, y)
     aside = jnp.abs(road.lateral_offset(world.road, lane, y))
-    along = x - pick(world.road.start, lane)
-    length = pick(world.road.end, lane) - pick(world.road.start, lane)
+    along = x - select_by_index(world.road.start, lane)
+    length = select_by_index(world.road.end, lane) - select_by_index(world.road.start, lane)
     on_lane = (
-        (aside <= pick(world.road.width, lane) / 2)
+        (aside <= select_by_index(world.road.width, lane) / 2)
         & (along >= -road.END_MARGIN)
         & (along < length + road.END_MARGIN)
     )

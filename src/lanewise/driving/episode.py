@@ -11,7 +11,7 @@ from lanewise.driving.parts import OURS, Parts
 from lanewise.driving.settings import DrivingSettings
 from lanewise.world import bicycle, tick
 from lanewise.world.state import RULE_BASED, World
-from lanewise.world.steering import of_slip
+from lanewise.world.steering import from_slip_sine
 
 
 @jax.tree_util.register_dataclass
@@ -157,10 +157,10 @@ def evaluate_step(
     """
     # A rule-based ego ignores actions; how it steered is in the world.
     by_rules = world.drivers.kind[0] == RULE_BASED
-    steering = jnp.where(by_rules, of_slip(world.vehicles.slip_sine[0]), steering)
+    steering = jnp.where(by_rules, from_slip_sine(world.vehicles.slip_sine[0]), steering)
     stats = before.stats
     decisions = stats.decisions + 1
-    accident = accidents.of_ego(world, settings.stopped_speed)
+    accident = accidents.ego_accident(world, settings.stopped_speed)
     terminated = accident != accidents.NONE
     reward = parts.reward(settings.reward, world, steering, terminated)
     outcome = Outcome(

@@ -42,7 +42,7 @@ class Parts:
     commands (``CONSTANT``), the others are traffic."""
     observe: Callable[[ObservationSettings, World], Array] = observation.features
     """(settings, world) to what the controller sees, float32 [n]."""
-    reward: Callable[[RewardSettings, World, Array, Array], Array] = reward.of_decision
+    reward: Callable[[RewardSettings, World, Array, Array], Array] = reward.decision_reward
     """(settings, world after a decision, steering angle in rad, bool [] whether an accident ended
     it) to the reward of the decision, []."""
     success: Callable[[World], Array] = trap.escaped

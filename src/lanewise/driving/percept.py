@@ -34,7 +34,7 @@ class Percept:
     """Everybody on the road: privileged, there in tests alone, read by reference drivers alone."""
 
 
-def of(
+def perceive(
     settings: ObservationSettings, world: World, parts: Parts = OURS, *, privileged: bool = False
 ) -> Percept:
     """The percept of the ego in ``world``, with the world itself if ``privileged``."""

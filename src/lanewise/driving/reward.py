@@ -59,7 +59,7 @@ def total(
     return jnp.where(accident, -settings.accident_penalty, driving)
 
 
-def of_decision(
+def decision_reward(
     settings: RewardSettings, world: World, steering_angle: Array, accident: Array
 ) -> Array:
     """Reward of a decision that led to ``world``, eq. (6); see `total`."""

@@ -84,7 +84,7 @@ class Goals:
 
     def begin(self, rules: Rules, state: Episode) -> Memory:
         """No goal yet."""
-        seen = percept.of(rules.driving.observation, state.world)
+        seen = percept.perceive(rules.driving.observation, state.world)
         return self._planned(rules).start(seen)
 
     def drive(
@@ -92,7 +92,7 @@ class Goals:
     ) -> tuple[Episode, Memory, Array]:
         """As many decisions as the goal lasts."""
         planned = self._planned(rules)
-        seen = percept.of(rules.driving.observation, state.world)
+        seen = percept.perceive(rules.driving.observation, state.world)
         (level,) = planned.levels
         memory = level.choose(memory, seen, action)
 
@@ -103,10 +103,12 @@ class Goals:
 
         def decide(carry: tuple[Episode, Memory, Array]) -> tuple[Episode, Memory, Array]:
             state, memory, reward = carry
-            seen = percept.of(rules.driving.observation, state.world)
+            seen = percept.perceive(rules.driving.observation, state.world)
             low_level, memory = planned.act(memory, seen)
             state = episode.step(rules.driving, state, low_level, rules.duration, rules.parts)
-            memory = planned.perceive(memory, percept.of(rules.driving.observation, state.world))
+            memory = planned.perceive(
+                memory, percept.perceive(rules.driving.observation, state.world)
+            )
             return state, memory, reward + state.outcome.reward
 
         begun = (state, memory, jnp.zeros_like(state.outcome.reward))

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 
 from lanewise.config.validation import check_duration
-from lanewise.driving import episode, restart
+from lanewise.driving import episode, restarting
 from lanewise.driving.actions import are_numbers
 from lanewise.driving.episode import Episode
 from lanewise.driving.parts import OURS, Parts, checked
@@ -218,7 +218,9 @@ def restarted(task: Trap, states: State, steps: Step, keys: Array) -> tuple[Stat
         return fresh, shown.observation
 
     done = steps.terminated | steps.truncated
-    found: tuple[State, Array] = restart.where(done, (states, steps.observation), begin)
+    found: tuple[State, Array] = restarting.restart_finished(
+        done, (states, steps.observation), begin
+    )
     return found
 
 

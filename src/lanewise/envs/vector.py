@@ -17,7 +17,7 @@ from gymnasium.vector.utils import batch_space
 from jax import Array
 from numpy.typing import NDArray
 
-from lanewise.driving import restart
+from lanewise.driving import restarting
 from lanewise.driving.actions import checked
 from lanewise.envs import functional, rows, single, spaces
 from lanewise.envs.functional import State, Trap
@@ -266,7 +266,7 @@ def _where(
     task: Trap, which: Array, states: State, found: Array, seeds: Array, indices: Array
 ) -> tuple[State, Array]:
     """States and rows, fresh ones where ``which``."""
-    after: tuple[State, Array] = restart.where(
+    after: tuple[State, Array] = restarting.restart_finished(
         which, (states, found), lambda over: _fresh(task, seeds[over], indices[over])
     )
     return after

@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 from lanewise.system import process
-from lanewise.world.once import on_cpu
+from lanewise.world.materialize import on_cpu
 
 ONE_THREAD = "--xla_cpu_multi_thread_eigen=false"
 """Of ``XLA_FLAGS``: where XLA is told to compute on one core, so do we."""

@@ -36,7 +36,7 @@ ALONG, ACROSS, TURN = 1.0, 0.25, 0.03
 
 
 @dataclass(frozen=True)
-class Course:
+class ReachabilityConfig:
     """What stays the same from start to start. Static."""
 
     scenario: TrapSettings
@@ -74,11 +74,11 @@ class Reached(NamedTuple):
     """Whether nothing was left out; a whole set holds no escape, or it would have been narrowed."""
 
 
-def search(course: Course, world: World, width: int | None) -> Reached:
+def search(config: ReachabilityConfig, world: World, width: int | None) -> Reached:
     """The reachable set up to the duration, or until nothing is left.
 
     Args:
-        course: the rules.
+        config: the rules.
         world: at the start.
         width: states kept after each decision; None keeps all, until one has escaped or they are
             more than `MOST_STATES`: then the start is not shown to be unwinnable, and what remains
@@ -89,23 +89,23 @@ def search(course: Course, world: World, width: int | None) -> Reached:
     nothing = np.zeros(1, np.intp)
     whole = width is None
     layers = [Layer(np.stack(ego, axis=1), np.zeros(1, bool), nothing, nothing)]
-    for _ in range(course.duration):
-        spread = _spread(course, world, layers[-1])
-        world = _coast(course, world)
+    for _ in range(config.duration):
+        spread = _spread(config, world, layers[-1])
+        world = _coast(config, world)
         if width is None and (spread.escaped.any() or len(spread.egos) > MOST_STATES):
             width, whole = WIDTHS[-1], False
-        layers.append(_chosen(course, world, spread, width))
+        layers.append(_chosen(config, world, spread, width))
         if not len(spread.egos):
             break
     return Reached(layers, whole)
 
 
-def _spread(course: Course, world: World, before: Layer) -> Layer:
+def _spread(config: ReachabilityConfig, world: World, before: Layer) -> Layer:
     """Every action from every state; what has an accident is left out."""
     count = len(before.egos)
     padded = np.concatenate([before.egos, np.repeat(before.egos[-1:], -count % CHUNK, axis=0)])
     parts = [
-        jax.device_get(_step_all(course, world, padded[first : first + CHUNK]))
+        jax.device_get(_step_all(config, world, padded[first : first + CHUNK]))
         for first in range(0, len(padded), CHUNK)
     ]
     egos, alive, past = (np.concatenate(part)[:count] for part in zip(*parts, strict=True))
@@ -114,7 +114,7 @@ def _spread(course: Course, world: World, before: Layer) -> Layer:
     return Layer(egos[parent, action], escaped, parent, action)
 
 
-def _chosen(course: Course, world: World, layer: Layer, width: int | None) -> Layer:
+def _chosen(config: ReachabilityConfig, world: World, layer: Layer, width: int | None) -> Layer:
     """One state of each cell: the most promising ones, or with no width all, merged if the same."""
     if not len(layer.egos):
         return layer
@@ -123,13 +123,13 @@ def _chosen(course: Course, world: World, layer: Layer, width: int | None) -> La
         _, first = np.unique(rows, axis=0, return_index=True)
         return layer.at(first)
     order = np.argsort(_urgency(world, layer), kind="stable")
-    _, first = np.unique(_cells(course, layer)[order], return_index=True)
+    _, first = np.unique(_cells(config, layer)[order], return_index=True)
     return layer.at(order[np.sort(first)[:width]])
 
 
-def _cells(course: Course, layer: Layer) -> NDArray[np.int64]:
+def _cells(config: ReachabilityConfig, layer: Layer) -> NDArray[np.int64]:
     """The cell each state lies in, as one number; [S]."""
-    quantum = course.driving.actions.acceleration * course.driving.decision_duration
+    quantum = config.driving.actions.acceleration * config.driving.decision_duration
     cell = layer.escaped.astype(np.int64)
     for values, size in zip(layer.egos.T, (ALONG, ACROSS, TURN, quantum), strict=True):
         # Speeds stand in the middle of their cells, not on an edge.
@@ -168,13 +168,13 @@ def numbers(start: Start) -> Start:
 
 
 @pinned.jit(static_argnums=0)
-def begin(course: Course, start: Start) -> World:
+def begin(config: ReachabilityConfig, start: Start) -> World:
     """The trap alone, its cars grown by the clearance."""
-    traffic = replace(course.scenario.traffic, vehicles_ahead=0, vehicles_behind=0)
-    scenario = replace(course.scenario, traffic=traffic)
+    traffic = replace(config.scenario.traffic, vehicles_ahead=0, vehicles_behind=0)
+    scenario = replace(config.scenario, traffic=traffic)
     # Only traffic is drawn, and there is none: any key will do.
-    world = trap.place(scenario, start, pinned.key(0), course.lanes)
-    grown = 2.0 * course.clearance * jnp.asarray([0.0, 1.0, 1.0])
+    world = trap.place(scenario, start, pinned.key(0), config.lanes)
+    grown = 2.0 * config.clearance * jnp.asarray([0.0, 1.0, 1.0])
     drivers = world.drivers
     return replace(
         world,
@@ -183,13 +183,15 @@ def begin(course: Course, start: Start) -> World:
 
 
 @pinned.jit(static_argnums=0)
-def _step_all(course: Course, world: World, egos: Array) -> tuple[Array, Array, Array]:
+def _step_all(config: ReachabilityConfig, world: World, egos: Array) -> tuple[Array, Array, Array]:
     """Every action from each of [B, 4] egos: ([B, 9, 4] egos, [B, 9] alive, [B, 9] past)."""
-    each_action = jax.vmap(partial(_step, course, world), in_axes=(None, 0))
+    each_action = jax.vmap(partial(_step, config, world), in_axes=(None, 0))
     return jax.vmap(each_action, in_axes=(0, None))(egos, jnp.arange(actions.COUNT))
 
 
-def _step(course: Course, world: World, ego: Array, action: Array) -> tuple[Array, Array, Array]:
+def _step(
+    config: ReachabilityConfig, world: World, ego: Array, action: Array
+) -> tuple[Array, Array, Array]:
     """One decision of the ego among the trap cars of ``world``."""
     vehicles = world.vehicles
     x, y, heading, speed = (
@@ -199,35 +201,35 @@ def _step(course: Course, world: World, ego: Array, action: Array) -> tuple[Arra
         )
     )
     world = replace(world, vehicles=replace(vehicles, x=x, y=y, heading=heading, speed=speed))
-    world = bicycle.command(world, *actions.commands(course.driving.actions, action, ego.dtype))
-    world = _ticks(course, world)
+    world = bicycle.command(world, *actions.commands(config.driving.actions, action, ego.dtype))
+    world = _ticks(config, world)
     after = world.vehicles
     # A hit predicted for the next tick will come whatever is done.
-    dead = accidents.of_ego(world, course.driving.stopped_speed) != accidents.NONE
+    dead = accidents.ego_accident(world, config.driving.stopped_speed) != accidents.NONE
     alive = ~dead & ~after.impacted[0]
     moved = jnp.stack([after.x[0], after.y[0], after.heading[0], after.speed[0]])
     return moved, alive, trap.escaped(world)
 
 
 @pinned.jit(static_argnums=0)
-def _coast(course: Course, world: World) -> World:
+def _coast(config: ReachabilityConfig, world: World) -> World:
     """The trap cars a decision later, whatever the ego has done."""
     present = world.vehicles.present
     alone = replace(world, vehicles=replace(world.vehicles, present=present.at[0].set(False)))
-    later = _ticks(course, alone)
+    later = _ticks(config, alone)
     return replace(later, vehicles=replace(later.vehicles, present=present))
 
 
-def _ticks(course: Course, world: World) -> World:
+def _ticks(config: ReachabilityConfig, world: World) -> World:
     """The ticks of a decision; all a tick does where nobody drives by rules is to move and to hit.
 
     Leaving the drivers' look around out makes it three times as fast.
     """
-    duration = course.driving.tick_duration
+    duration = config.driving.tick_duration
 
     def tick(_: int, state: World) -> World:
-        moved = bicycle.move(state, motion.facing(state.vehicles), duration)
-        return collision.resolve(moved, motion.facing(moved.vehicles), duration)
+        moved = bicycle.move(state, motion.heading_trig(state.vehicles), duration)
+        return collision.resolve(moved, motion.heading_trig(moved.vehicles), duration)
 
-    later: World = jax.lax.fori_loop(0, course.driving.ticks_per_decision, tick, world)
+    later: World = jax.lax.fori_loop(0, config.driving.ticks_per_decision, tick, world)
     return later

@@ -269,7 +269,7 @@ def _next(config: EvaluationConfig, drive: Drive, memory: Memory, after: Episode
 
 
 def _observe(config: EvaluationConfig, state: Episode) -> Percept:
-    return percept.of(config.driving.observation, state.world, config.parts)
+    return percept.perceive(config.driving.observation, state.world, config.parts)
 
 
 def _privileged(seen: Percept, state: Episode) -> Percept:

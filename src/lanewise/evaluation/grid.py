@@ -100,7 +100,7 @@ class Reach:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class PointResult:
     """What came of a start's episodes."""
 
     episodes: int
@@ -128,7 +128,7 @@ class Cell:
 
     point: Point
     reach: Reach
-    outcome: Outcome
+    outcome: PointResult
 
 
 DENOMINATORS: dict[str, Callable[[Reach], bool]] = {

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lanewise.driving import actions, episode
 from lanewise.evaluation import escapes
-from lanewise.evaluation.escapes import Course, Reached
+from lanewise.evaluation.escapes import ReachabilityConfig, Reached
 from lanewise.scenario.trap import Start
 from lanewise.system import pinned
 
@@ -42,37 +42,41 @@ class Verdict:
         return bool(self.actions) or not self.winnable
 
 
-def judge(course: Course, start: Start, known: Sequence[tuple[int, ...]] = ()) -> Verdict:
+def judge(
+    config: ReachabilityConfig, start: Start, known: Sequence[tuple[int, ...]] = ()
+) -> Verdict:
     """Whether the ego can be past the trap and have no accident within the course's duration.
 
     Args:
-        course: the rules.
+        config: the rules.
         start: its numbers; those of traffic do not matter.
         known: escapes of other starts, the most promising first; the first `KNOWN` are tried.
 
     Returns:
         The verdict; with it the escape, which the compiled world has replayed.
     """
-    for escape, holds in zip(known, replay(course, start, known[:KNOWN]), strict=False):
+    for escape, holds in zip(known, replay(config, start, known[:KNOWN]), strict=False):
         if holds:
             return Verdict(True, escape, 0, 0)
-    world = escapes.begin(course, escapes.numbers(start))
+    world = escapes.begin(config, escapes.numbers(start))
     for width in escapes.WIDTHS:
-        escape = _confirmed(course, start, escapes.search(course, world, width))
+        escape = _confirmed(config, start, escapes.search(config, world, width))
         if escape:
             return Verdict(True, escape, 0, 0)
-    reached = escapes.search(course, world, None)
+    reached = escapes.search(config, world, None)
     states = sum(len(layer.egos) for layer in reached.layers[1:])
     if reached.whole:
         return Verdict(False, (), states, len(reached.layers) - 1)
-    return Verdict(True, _confirmed(course, start, reached), states, 0)
+    return Verdict(True, _confirmed(config, start, reached), states, 0)
 
 
-def replay(course: Course, start: Start, sequences: Sequence[tuple[int, ...]]) -> NDArray[np.bool_]:
+def replay(
+    config: ReachabilityConfig, start: Start, sequences: Sequence[tuple[int, ...]]
+) -> NDArray[np.bool_]:
     """Which action sequences are escapes: driven in the world as any test episode is.
 
     Args:
-        course: the rules.
+        config: the rules.
         start: its numbers.
         sequences: at most `KNOWN`, each of the course's duration.
 
@@ -81,21 +85,21 @@ def replay(course: Course, start: Start, sequences: Sequence[tuple[int, ...]]) -
     """
     if not sequences:
         return np.zeros(0, bool)
-    padded = np.full((KNOWN, course.duration), actions.IDLE, np.int32)
+    padded = np.full((KNOWN, config.duration), actions.IDLE, np.int32)
     padded[: len(sequences)] = sequences
-    escaped: NDArray[np.bool_] = np.asarray(_replay(course, escapes.numbers(start), padded))
+    escaped: NDArray[np.bool_] = np.asarray(_replay(config, escapes.numbers(start), padded))
     return escaped[: len(sequences)]
 
 
 @pinned.jit(static_argnums=0)
-def _replay(course: Course, start: Start, sequences: Array) -> Array:
-    world = escapes.begin(course, start)
+def _replay(config: ReachabilityConfig, start: Start, sequences: Array) -> Array:
+    world = escapes.begin(config, start)
 
     def drive(chosen: Array) -> Array:
         def decide(
             state: tuple[episode.Episode, Array], action: Array
         ) -> tuple[tuple[episode.Episode, Array], None]:
-            after = episode.step(course.driving, state[0], action, course.duration)
+            after = episode.step(config.driving, state[0], action, config.duration)
             return (after, state[1] | after.outcome.terminated), None
 
         (after, failed), _ = jax.lax.scan(decide, (episode.begin(world), jnp.bool_(False)), chosen)
@@ -105,15 +109,15 @@ def _replay(course: Course, start: Start, sequences: Array) -> Array:
     return jax.vmap(drive)(sequences)
 
 
-def _confirmed(course: Course, start: Start, reached: Reached) -> tuple[int, ...]:
+def _confirmed(config: ReachabilityConfig, start: Start, reached: Reached) -> tuple[int, ...]:
     """The actions that led to the first escaped state of the last layer, if they hold."""
     layers = reached.layers
     won = np.flatnonzero(layers[-1].escaped)
-    if len(layers) <= course.duration or not len(won):
+    if len(layers) <= config.duration or not len(won):
         return ()
     state, backwards = int(won[0]), []
     for layer in reversed(layers[1:]):
         backwards.append(int(layer.action[state]))
         state = int(layer.parent[state])
     escape = tuple(reversed(backwards))
-    return escape if replay(course, start, [escape])[0] else ()
+    return escape if replay(config, start, [escape])[0] else ()

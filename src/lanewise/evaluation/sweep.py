@@ -18,7 +18,7 @@ from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation import concurrent, escapes, evaluator, reachability
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.evaluator import EvaluationConfig, Result
-from lanewise.evaluation.grid import CAUSES, Grid, Outcome, Point, Reach
+from lanewise.evaluation.grid import CAUSES, Grid, Point, PointResult, Reach
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
 from lanewise.scenario.trap import Start
@@ -28,7 +28,7 @@ from lanewise.world.state import World
 Escape = tuple[int, ...]
 
 
-def course(test: EvaluationConfig, grid: Grid) -> EvaluationConfig:
+def config(test: EvaluationConfig, grid: Grid) -> EvaluationConfig:
     """The test of a grid's starts: the controller's own, with room for every start."""
     traffic = replace(test.scenario.traffic, vehicles_behind=max(grid.vehicles_behind))
     return replace(test, scenario=replace(test.scenario, lanes=max(grid.lanes), traffic=traffic))
@@ -61,7 +61,7 @@ def reach(
         One for each point.
     """
     lanes = max((point.lanes for point in points), default=2)
-    strict = escapes.Course(scenario, driving, lanes, duration)
+    strict = escapes.ReachabilityConfig(scenario, driving, lanes, duration)
     wide = replace(strict, clearance=clearance)
     pool: dict[Escape, None] = {tuple(map(int, escape)): None for escape in known if escape}
     for point in points:
@@ -91,7 +91,7 @@ def run(
     episodes: int,
     points: Sequence[Point],
     first: int = 0,
-) -> Iterator[list[Outcome]]:
+) -> Iterator[list[PointResult]]:
     """Drive every point's episodes greedily.
 
     Args:
@@ -149,10 +149,10 @@ def _place(test: EvaluationConfig, seed: Array, first: Array, starts: Start) -> 
     return jax.vmap(one)(first + jnp.arange(evaluator.BLOCK), starts)
 
 
-def _outcome(found: Episodes, which: slice) -> Outcome:
+def _outcome(found: Episodes, which: slice) -> PointResult:
     accident = found.accident[which]
     causes = {cause: int((accident == code).sum()) for code, cause in enumerate(CAUSES, 1)}
-    return Outcome(
+    return PointResult(
         episodes=len(accident),
         escapes=int(found.escaped[which].sum()),
         successes=int(found.success[which].sum()),

@@ -112,9 +112,9 @@ def agreement(
         renewal: when goals are renewed, as it was exported.
         done: told now and then how many are done.
     """
-    course = recipe.test_course(trained.settings, trained.name, renewal)
+    config = recipe.evaluation_config(trained.settings, trained.name, renewal)
     total = Agreement()
-    for decisions in drives(replace(course, split="training"), trained.parameters, seed):
+    for decisions in drives(replace(config, split="training"), trained.parameters, seed):
         total += compare(step, decisions)
         done(min(total.states, states))
         if total.states >= states:
@@ -122,29 +122,29 @@ def agreement(
     return total
 
 
-def drives(course: EvaluationConfig, parameters: Parameters, seed: int) -> Iterator[Decision]:
+def drives(config: EvaluationConfig, parameters: Parameters, seed: int) -> Iterator[Decision]:
     """The greedy controller's decisions from each block of starts, [T, B]."""
     first = 0
     while True:
-        worlds = evaluator.start_block(course, seed, first)
-        decisions: Decision = jax.device_get(_drive(course, parameters, worlds))
+        worlds = evaluator.start_block(config, seed, first)
+        decisions: Decision = jax.device_get(_drive(config, parameters, worlds))
         yield decisions
         first += evaluator.BLOCK
 
 
 @pinned.jit(static_argnums=0)
-def _drive(course: EvaluationConfig, parameters: Parameters, worlds: World) -> Decision:
+def _drive(config: EvaluationConfig, parameters: Parameters, worlds: World) -> Decision:
     """All episodes of a block, [T, B]."""
 
     def decide(drive: Drive, _: None) -> tuple[Drive, Decision]:
-        action, memory, traces = evaluator.act(course, parameters, drive)
+        action, memory, traces = evaluator.act(config, parameters, drive)
         live = ~drive.episode.outcome.over
-        made = decision(course.controller, drive.percept, action, memory, traces, live)
-        return evaluator.step(course, drive, memory, action), made
+        made = decision(config.controller, drive.percept, action, memory, traces, live)
+        return evaluator.step(config, drive, memory, action), made
 
     def one(world: World) -> Decision:
-        begun = evaluator.begin(course, world)
-        made: Decision = jax.lax.scan(decide, begun, length=course.duration)[1]
+        begun = evaluator.begin(config, world)
+        made: Decision = jax.lax.scan(decide, begun, length=config.duration)[1]
         return made
 
     along_time: Decision = jax.vmap(one, out_axes=1)(worlds)

@@ -43,7 +43,7 @@ def policy(trained: Trained, digest: str, renewal: str | None = None) -> Policy:
         "levels": {name: len(layers) for name, layers in trained.parameters.items()},
     }
     arrays = _weights(trained.parameters)
-    match recipe.test_course(trained.settings, trained.name, renewal).controller:
+    match recipe.evaluation_config(trained.settings, trained.name, renewal).controller:
         case SingleLevel(hold=hold):
             about |= {"memory": "none" if hold == 1 else "held-action", "hold": hold}
         case Hierarchical() as controller:

@@ -8,7 +8,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from lanewise.evaluation.grid import DENOMINATORS, Cell, Grid, Outcome, Point, Reach, fold, pool
+from lanewise.evaluation.grid import DENOMINATORS, Cell, Grid, Point, PointResult, Reach, fold, pool
 from lanewise.report import sweep_map, tables
 from lanewise.report.figure_style import save
 from lanewise.report.markup import cell as plain
@@ -22,7 +22,7 @@ TITLES = {
     "winnable": "winnable starts",
     "winnable_with_clearance": "winnable with clearance",
 }
-COLUMNS = (*Point._fields, *(f.name for f in fields(Reach)), *(f.name for f in fields(Outcome)))
+COLUMNS = (*Point._fields, *(f.name for f in fields(Reach)), *(f.name for f in fields(PointResult)))
 """Of the table of starts in `map.json`."""
 MAPS = {
     "map": (MapAxes(), "ego speed and trap speed, by lanes"),

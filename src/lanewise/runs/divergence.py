@@ -25,9 +25,9 @@ from lanewise.system.folder_io import write_atomically
 from lanewise.system.version import __version__
 from lanewise.training import findings, stage
 from lanewise.training.findings import Finding
-from lanewise.training.host import Ledger, StagePlan, StageProgress
 from lanewise.training.plan import TrainingPlan
 from lanewise.training.stage import CHUNK, ChunkMetrics, StageState
+from lanewise.training.trainer import StageCounters, StagePlan, StageProgress
 
 FOLDER, BEFORE, FOUND = "diverged", "before", "found.json"
 _LEARNING_RATE = "a lower learner.learning_rate of {level} may help, in a new run"
@@ -76,7 +76,7 @@ def save(
     plan: StagePlan,
     frozen: Parameters,
     stored: StageProgress,
-    reached: Ledger,
+    reached: StageCounters,
     error: NumbersError,
 ) -> NumbersError:
     """Keep what is needed to see a failure again.
@@ -97,12 +97,12 @@ def save(
         The error to show to the user.
     """
     state = stored.state
-    for _ in range(reached.chunks - stored.ledger.chunks):
-        state, _ = stage.advance(plan.course, frozen, state)
+    for _ in range(reached.chunks - stored.counters.chunks):
+        state, _ = stage.advance(plan.config, frozen, state)
     meta = {"stage": index, "chunks": reached.chunks, "message": str(error)}
     with folder.held.inside(FOLDER) as place:
         checkpoint.save(place, BEFORE, state, meta, folder.digest)
-    _, metrics = stage.advance(plan.course, frozen, state)
+    _, metrics = stage.advance(plan.config, frozen, state)
     again = [asdict(one) for one in findings.of(jax.device_get(metrics.finite))]
     found, first = list(error.found), error.found[0]
     about: dict[str, Any] = {
@@ -110,7 +110,7 @@ def save(
         "stage": plan.name,
         "chunk": reached.chunks + 1,
         "decisions_before": reached.decisions,
-        "worlds": plan.course.budget.worlds,
+        "worlds": plan.config.budget.worlds,
         "found": found,
         # A validation is not driven again here; its message names the episode.
         "found_again": None if again == [] and first["what"] == "validation" else again == found,
@@ -160,7 +160,7 @@ def find_first_nonfinite(path: Path | str, parts: Parts = OURS) -> FirstNonfinit
     for earlier in training.stages[:index]:
         frozen = frozen | run_state.load_stage(folder, training, earlier.name)
     plan = training.stages[index]
-    iterate_once = pinned.jit()(partial(stage.iterate, plan.course, frozen, count=1))
+    iterate_once = pinned.jit()(partial(stage.iterate, plan.config, frozen, count=1))
     for iteration in range(1, CHUNK + 1):
         after, metrics = iterate_once(before)
         found = findings.of(jax.device_get(metrics.finite))

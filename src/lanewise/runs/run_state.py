@@ -12,8 +12,8 @@ from lanewise.runs import checkpoint, metrics_file
 from lanewise.runs.checkpoint import Checkpoint
 from lanewise.runs.run_folder import STAGES, RunFolder, open_high_level
 from lanewise.system.version import __version__
-from lanewise.training.host import StageProgress
 from lanewise.training.plan import TrainingPlan, restored_progress
+from lanewise.training.trainer import StageProgress
 
 CONTROLLER = "controller"
 """File name of a finished run's controller."""
@@ -92,7 +92,7 @@ def newest_checkpoint(
 
 def progress_of(found: Checkpoint) -> StageProgress:
     """The stage under way that a checkpoint holds."""
-    return restored_progress(found.tree, found.meta["ledger"])
+    return restored_progress(found.tree, found.meta["counters"])
 
 
 def is_finished(folder: RunFolder) -> bool:

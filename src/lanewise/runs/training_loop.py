@@ -22,9 +22,9 @@ from lanewise.runs.metrics_file import MetricsWriter
 from lanewise.runs.run_folder import CHECKPOINTS, RunFolder
 from lanewise.system import pinned, process
 from lanewise.system.progress import Progress
-from lanewise.training import host
-from lanewise.training.host import StagePlan, StageProgress
+from lanewise.training import trainer
 from lanewise.training.plan import TrainingPlan, stored_progress
+from lanewise.training.trainer import StagePlan, StageProgress
 
 INTERVAL = 10.0
 """Seconds of training between checkpoints, at least; a kill loses no more than about this."""
@@ -118,7 +118,7 @@ class _OpenFiles:
         self.metrics.append(line)
         self.sinks.append(line)
 
-    def write(self, report: host.Report, seconds: float) -> None:
+    def write(self, report: trainer.Report, seconds: float) -> None:
         """A chunk's lines. Wall-clock times go elsewhere, so that metrics repeat to the byte."""
         # The open files stay those of the run, wherever it is; to go on would be in vain.
         self.folder.held.require_same()
@@ -140,9 +140,9 @@ class _OpenFiles:
         with self.folder.held.inside(CHECKPOINTS) as place:
             checkpoint.save(
                 place,
-                checkpoint.checkpoint_name(index, progress.ledger.chunks),
+                checkpoint.checkpoint_name(index, progress.counters.chunks),
                 stored_progress(progress),
-                {"seed": self.folder.seed, "ledger": asdict(progress.ledger), **mark},
+                {"seed": self.folder.seed, "counters": asdict(progress.counters), **mark},
                 self.folder.digest,
                 keep=KEPT,
                 unusable=self.unusable,
@@ -169,17 +169,17 @@ class _StageRun:
         """Train the stage and store what it hands on."""
         plan, files, reporter = self.plan, self.files, self.reporter
         progress = self._progress(found)
-        reporter.stage(plan.name, 1.0, plan.fraction(progress.ledger))
+        reporter.stage(plan.name, 1.0, plan.fraction(progress.counters))
         saved = time.monotonic()
         with _Interrupts(reporter) as interrupts:
-            while not plan.finished(progress.ledger):
+            while not plan.finished(progress.counters):
                 began = time.monotonic()
                 try:
-                    progress, report = host.advance(plan, self.frozen, progress)
+                    progress, report = trainer.advance(plan, self.frozen, progress)
                 except NumbersError as error:
                     raise self._diverged(progress, error) from None
                 files.write(report, time.monotonic() - began)
-                reporter.update(plan.fraction(progress.ledger), **_figures(report.chunk))
+                reporter.update(plan.fraction(progress.counters), **_figures(report.chunk))
                 if interrupts.asked or time.monotonic() - saved > INTERVAL:
                     files.save(self.index, progress)
                     saved = time.monotonic()
@@ -193,26 +193,26 @@ class _StageRun:
             return run_state.progress_of(found)
         # The stage's own stream of the run's seed.
         key = jax.random.fold_in(pinned.key(self.files.folder.seed), STAGE_STREAM + self.index)
-        return host.begin(self.plan, self.frozen, key)
+        return trainer.begin(self.plan, self.frozen, key)
 
     def _diverged(self, progress: StageProgress, error: NumbersError) -> NumbersError:
         folder = self.files.folder
         newest, _, _ = run_state.newest_checkpoint(folder, self.training, self.index)
         stored = self._progress(newest)
         return divergence.save(
-            folder, self.index, self.plan, self.frozen, stored, progress.ledger, error
+            folder, self.index, self.plan, self.frozen, stored, progress.counters, error
         )
 
     def _finish(self, progress: StageProgress) -> None:
         """Compare what the stage hands on with its last weights, and store it."""
         files, folder = self.files, self.files.folder
-        files.append(host.compare(self.plan, self.frozen, progress))
-        meta = {"ledger": asdict(progress.ledger), **files.metrics.mark()}
+        files.append(trainer.compare(self.plan, self.frozen, progress))
+        meta = {"counters": asdict(progress.counters), **files.metrics.mark()}
         folder.held.require_same()
         selected = selected_weights.of_run(metrics_file.read(folder.metrics))[-1]
         for warning in selected.warnings:
             self.reporter.note(warning)
-        weights = host.result(self.plan, progress)
+        weights = trainer.result(self.plan, progress)
         run_state.save_stage(folder, self.plan.name, weights, meta)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lanewise.scenario.settings import TrapSettings
 from lanewise.system import pinned
 from lanewise.world import build, road
-from lanewise.world.select import pick
+from lanewise.world.indexing import select_by_index
 from lanewise.world.settings import DriverSettings
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, World
 
@@ -159,7 +159,7 @@ def place(settings: TrapSettings, start: Start, key: Array, lanes: int) -> World
         jnp.float32,
     )
     where = road.straight_road(start.lanes, settings.lane_width, settings.speed_limit, lanes)
-    vehicles = build.make_vehicles(x, pick(where.centre, lane), speed, lane)
+    vehicles = build.make_vehicles(x, select_by_index(where.centre, lane), speed, lane)
     return World(
         road=where,
         drivers=_drivers(settings, start),

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lanewise.training.finite import Finite
+from lanewise.training.finite_checks import ChunkFinite
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Finding:
         return f"{words} {place}, in world {self.world}"
 
 
-def of(finite: Finite) -> list[Finding]:
+def of(finite: ChunkFinite) -> list[Finding]:
     """All that is not finite, what may have caused the rest first.
 
     What is seen and paid comes before losses and weights: a network without finite weights still

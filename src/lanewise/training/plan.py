@@ -15,8 +15,8 @@ from lanewise.learning import network
 from lanewise.scenario.trap import SPLITS
 from lanewise.system import pinned
 from lanewise.training import recipe, selection, stage
-from lanewise.training.host import Ledger, StagePlan, StageProgress
 from lanewise.training.recipe import RecipeSettings
+from lanewise.training.trainer import StageCounters, StagePlan, StageProgress
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class TrainingPlan:
         stages = tuple(
             StagePlan(
                 name=each.name,
-                course=recipe.course(settings, each, parts),
-                validation=recipe.validation_course(settings, each, parts),
+                config=recipe.stage_config(settings, each, parts),
+                validation=recipe.validation_config(settings, each, parts),
                 validation_episodes=settings.evaluation.validation_episodes,
                 validation_interval=settings.evaluation.validation_interval,
                 fresh_episodes=settings.evaluation.fresh_episodes,
@@ -76,10 +76,10 @@ class TrainingPlan:
         """Shapes of `stored_progress` in a stage."""
         plan = self.stages[index]
         state = jax.eval_shape(
-            lambda frozen: stage.begin(plan.course, frozen, pinned.key(0)), self.frozen(index)
+            lambda frozen: stage.begin(plan.config, frozen, pinned.key(0)), self.frozen(index)
         )
         weights = self.weights[plan.name]
-        window = selection.no_window(plan.course.budget.keep, weights)
+        window = selection.no_window(plan.config.budget.keep, weights)
         return {"state": state, "best": weights, "window": window}
 
     def trace(self) -> int:
@@ -107,7 +107,7 @@ class TrainingPlan:
         with named(f"{'; '.join(self.parts.names())} (in a training)"):
             for index, each in enumerate(self.stages):
                 state, frozen = self.progress(index)["state"], self.frozen(index)
-                jax.eval_shape(partial(stage.advance, each.course), frozen, state)
+                jax.eval_shape(partial(stage.advance, each.config), frozen, state)
                 worlds = jax.eval_shape(partial(evaluator.start_block, each.validation, 0, 0))
                 levels = frozen | self.weights[each.name]
                 jax.eval_shape(partial(evaluator.drive_block, each.validation), levels, worlds)
@@ -119,26 +119,26 @@ def stored_progress(progress: StageProgress) -> dict[str, Any]:
     return {"state": progress.state, "best": progress.best, "window": progress.window}
 
 
-def restored_progress(arrays: dict[str, Any], ledger: dict[str, Any]) -> StageProgress:
+def restored_progress(arrays: dict[str, Any], counters: dict[str, Any]) -> StageProgress:
     """A stage under way as it was stored.
 
     Args:
         arrays: as `stored_progress` returned them.
-        ledger: the fields of the `Ledger`, tuples as lists.
+        counters: the fields of the `StageCounters`, tuples as lists.
     """
-    counters: dict[str, Any] = {
-        k: tuple(v) if isinstance(v, list) else v for k, v in ledger.items()
+    restored: dict[str, Any] = {
+        k: tuple(v) if isinstance(v, list) else v for k, v in counters.items()
     }
     best, window = jax.device_get((arrays["best"], arrays["window"]))
-    return StageProgress(arrays["state"], best, window, Ledger(**counters))
+    return StageProgress(arrays["state"], best, window, StageCounters(**restored))
 
 
 def _networks(plan: StagePlan) -> Parameters:
     """Fresh networks of the levels that learn in a stage."""
     found: Parameters = {}
-    for name, how in plan.course.learning:
-        level = plan.course.level(name)
+    for name, level_settings in plan.config.learning:
+        level = plan.config.level(name)
         found[name] = network.init(
-            pinned.key(0), level.feature_count, how.learner.hidden, level.choice_count
+            pinned.key(0), level.feature_count, level_settings.learner.hidden, level.choice_count
         )
     return found

@@ -16,7 +16,7 @@ from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation.evaluator import BLOCK, EvaluationConfig
 from lanewise.evaluation.settings import EvaluationSettings
 from lanewise.scenario.settings import TrapSettings
-from lanewise.training.rollout import Course
+from lanewise.training.rollout import StageConfig
 from lanewise.training.settings import (
     BudgetSettings,
     HDQNSettings,
@@ -98,14 +98,14 @@ def learning(settings: RecipeSettings, stage: Stage) -> tuple[tuple[str, LevelSe
     return tuple((name, attrgetter(section)(settings)) for name, section in sections)
 
 
-def course(settings: RecipeSettings, stage: Stage, parts: Parts = OURS) -> Course:
+def stage_config(settings: RecipeSettings, stage: Stage, parts: Parts = OURS) -> StageConfig:
     """The static part of a stage.
 
     `GoalSettings.training_renewal` speaks of step 2; elsewhere goals are held by the critic.
     """
     spec = CONTROLLERS[stage.controller]
     renewal = settings.goals.training_renewal if spec.renewal_configurable else HELD
-    return Course(
+    return StageConfig(
         scenario=settings.scenario,
         driving=settings.driving,
         controller=controller(settings, stage.controller, renewal, parts),
@@ -115,14 +115,14 @@ def course(settings: RecipeSettings, stage: Stage, parts: Parts = OURS) -> Cours
     )
 
 
-def validation_course(
+def validation_config(
     settings: RecipeSettings, stage: Stage, parts: Parts = OURS
 ) -> EvaluationConfig:
     """Greedy episodes on validation starts, by which a stage's weights are chosen."""
-    return replace(test_course(settings, stage.controller, parts=parts), split="validation")
+    return replace(evaluation_config(settings, stage.controller, parts=parts), split="validation")
 
 
-def test_course(
+def evaluation_config(
     settings: RecipeSettings, name: str, renewal: str | None = None, parts: Parts = OURS
 ) -> EvaluationConfig:
     """Greedy test episodes of a controller.

@@ -38,7 +38,7 @@ class Rollout:
 
 
 @dataclass(frozen=True)
-class Course:
+class StageConfig:
     """What stays the same through a stage. Static."""
 
     scenario: TrapSettings
@@ -71,25 +71,25 @@ class Course:
         return names.index(self.learning[0][0])
 
 
-def begin(course: Course, parameters: Parameters, key: Array) -> Rollout:
+def begin(config: StageConfig, parameters: Parameters, key: Array) -> Rollout:
     """A fresh training episode."""
-    state = episode.begin(course.parts.start(course.scenario, key, "training"))
-    seen = percept.of(course.driving.observation, state.world, course.parts)
-    controller = course.controller
+    state = episode.begin(config.parts.start(config.scenario, key, "training"))
+    seen = percept.perceive(config.driving.observation, state.world, config.parts)
+    controller = config.controller
     memory = controller.perceive(controller.start(seen), seen)
     return Rollout(
         episode=state,
         percept=seen,
-        memory=_settle(course, parameters, memory, seen),
+        memory=_settle(config, parameters, memory, seen),
         pending={
-            name: transitions.nothing(how, course.level(name).feature_count)
-            for name, how in course.learning
+            name: transitions.empty(level_settings, config.level(name).feature_count)
+            for name, level_settings in config.learning
         },
     )
 
 
 def step(
-    course: Course,
+    config: StageConfig,
     parameters: Parameters,
     rollout: Rollout,
     epsilon: dict[str, Array],
@@ -98,7 +98,7 @@ def step(
     """One decision with exploration; a world whose episode ends is to be begun anew.
 
     Args:
-        course: static settings.
+        config: static settings.
         parameters: of all levels; those of levels that learn are the online ones.
         rollout: the world under way.
         epsilon: by level that learns, [] probability of a random choice.
@@ -107,40 +107,47 @@ def step(
     Returns:
         The world after the decision, and what each learning level leaves for its replay.
     """
-    controller = course.controller
-    pending, memory = _choose(course, parameters, rollout, epsilon, key)
+    controller = config.controller
+    pending, memory = _choose(config, parameters, rollout, epsilon, key)
     before = controller.feedback(memory, rollout.percept).distance
     action, memory = controller.act(memory, rollout.percept)
     state = episode.step(
-        course.driving, rollout.episode, action, course.budget.duration, course.parts
+        config.driving, rollout.episode, action, config.budget.duration, config.parts
     )
     outcome = state.outcome
-    seen = percept.of(course.driving.observation, state.world, course.parts)
+    seen = percept.perceive(config.driving.observation, state.world, config.parts)
     feedback = controller.feedback(memory, seen)
-    memory = _settle(course, parameters, controller.perceive(memory, seen), seen)
+    memory = _settle(config, parameters, controller.perceive(memory, seen), seen)
 
     emitted = {}
-    for name, how in course.learning:
-        pending[name] = transitions.gather(how, pending[name], outcome, feedback, before)
-        level = course.level(name)
+    for name, level_settings in config.learning:
+        pending[name] = transitions.accumulate(
+            level_settings, pending[name], outcome, feedback, before
+        )
+        level = config.level(name)
         emitted[name] = transitions.emit(
-            how, pending[name], outcome, feedback, level.features(memory, seen), level.ready(memory)
+            level_settings,
+            pending[name],
+            outcome,
+            feedback,
+            level.features(memory, seen),
+            level.ready(memory),
         )
     return Rollout(state, seen, memory, pending), emitted
 
 
-def _settle(course: Course, parameters: Parameters, memory: Any, seen: Percept) -> Any:
+def _settle(config: StageConfig, parameters: Parameters, memory: Any, seen: Percept) -> Any:
     """Let the frozen levels above the learning ones choose.
 
     Now, so that what a learning level sees after a transition is what it will then act on.
     """
-    for level in course.leading:
+    for level in config.leading:
         memory, _ = controllers.choose(level, parameters, memory, seen)
     return memory
 
 
 def _choose(
-    course: Course,
+    config: StageConfig,
     parameters: Parameters,
     rollout: Rollout,
     epsilon: dict[str, Array],
@@ -149,7 +156,7 @@ def _choose(
     """Let the other levels choose, those that learn with exploration: (pending, memory)."""
     seen, memory = rollout.percept, rollout.memory
     pending = dict(rollout.pending)
-    for number, level in enumerate(course.choosing):
+    for number, level in enumerate(config.choosing):
         if level.name not in pending:
             memory, _ = controllers.choose(level, parameters, memory, seen)
             continue

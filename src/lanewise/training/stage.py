@@ -14,15 +14,15 @@ import jax.numpy as jnp
 from jax import Array
 
 from lanewise.controllers.controller import Parameters
-from lanewise.driving import restart
+from lanewise.driving import restarting
 from lanewise.driving.episode import EpisodeStats
 from lanewise.learning import exploration, learner, replay
 from lanewise.learning.learner import Learner
 from lanewise.learning.replay import Replay
 from lanewise.system import pinned
-from lanewise.training import finite, rollout
-from lanewise.training.finite import Between, Finite
-from lanewise.training.rollout import Course, Rollout
+from lanewise.training import finite_checks, rollout
+from lanewise.training.finite_checks import ChunkFinite, IterationFinite
+from lanewise.training.rollout import Rollout, StageConfig
 from lanewise.training.settings import LevelSettings
 from lanewise.training.transitions import Emitted
 
@@ -79,36 +79,39 @@ class ChunkMetrics:
     """[CHUNK, worlds] after each decision; whole episodes where ``outcome.over``."""
     levels: dict[str, LevelMetrics]
     """By level that learns."""
-    finite: Finite
+    finite: ChunkFinite
     """Whether all numbers were."""
 
 
 @pinned.jit(static_argnums=0)
-def begin(course: Course, frozen: Parameters, key: Array) -> StageState:
+def begin(config: StageConfig, frozen: Parameters, key: Array) -> StageState:
     """The state before the first decision.
 
     Args:
-        course: the stage's static settings.
+        config: the stage's static settings.
         frozen: parameters of levels that do not learn here; may be empty.
         key: the stage's random key.
     """
     network_key, start_key = (jax.random.fold_in(key, stream) for stream in (0, 1))
     learners, replays = {}, {}
-    for number, (name, how) in enumerate(course.learning):
-        level = course.level(name)
+    for number, (name, level_settings) in enumerate(config.learning):
+        level = config.level(name)
         learners[name] = learner.begin(
-            _of_level(network_key, number), how.learner, level.feature_count, level.choice_count
+            _of_level(network_key, number),
+            level_settings.learner,
+            level.feature_count,
+            level.choice_count,
         )
-        replays[name] = replay.empty(how.learner.replay_capacity, level.feature_count)
+        replays[name] = replay.empty(level_settings.learner.replay_capacity, level.feature_count)
     parameters = frozen | online(learners)
-    start_keys = jax.random.split(start_key, course.budget.worlds)
+    start_keys = jax.random.split(start_key, config.budget.worlds)
     return StageState(
         # A copy, because `advance` consumes the state it is given and the caller keeps its key.
         key=jax.random.clone(key),  # type: ignore[no-untyped-call]
         iteration=jnp.int32(0),
         learners=learners,
         replays=replays,
-        rollouts=jax.vmap(partial(rollout.begin, course, parameters))(start_keys),
+        rollouts=jax.vmap(partial(rollout.begin, config, parameters))(start_keys),
     )
 
 
@@ -124,29 +127,30 @@ def _of_level(key: Array, number: int) -> Array:
 
 @pinned.jit(static_argnums=0, donate_argnums=2)
 def advance(
-    course: Course, frozen: Parameters, state: StageState
+    config: StageConfig, frozen: Parameters, state: StageState
 ) -> tuple[StageState, ChunkMetrics]:
     """Advance a stage by `CHUNK` iterations; ``state`` is consumed.
 
     Returns:
         The state afterwards, and the chunk's metrics.
     """
-    return iterate(course, frozen, state, CHUNK)
+    return iterate(config, frozen, state, CHUNK)
 
 
 def iterate(
-    course: Course, frozen: Parameters, state: StageState, count: int
+    config: StageConfig, frozen: Parameters, state: StageState, count: int
 ) -> tuple[StageState, ChunkMetrics]:
     """As `advance`, by any number of iterations, to be compiled by the caller."""
     zero = jnp.float32(0.0)
-    nothing: dict[str, Sums] = {name: (zero, zero, zero) for name, _ in course.learning}
+    nothing: dict[str, Sums] = {name: (zero, zero, zero) for name, _ in config.learning}
     (state, sums), (episodes, looks) = jax.lax.scan(
-        partial(_iterate, course, frozen), (state, nothing), length=count
+        partial(_iterate, config, frozen), (state, nothing), length=count
     )
     levels = {
-        name: _level_metrics(course, how, state, name, sums[name]) for name, how in course.learning
+        name: _level_metrics(config, level_settings, state, name, sums[name])
+        for name, level_settings in config.learning
     }
-    found = finite.of_chunk(
+    found = finite_checks.of_chunk(
         looks, episodes, state.rollouts, _losses(sums), state.learners, state.replays
     )
     return state, ChunkMetrics(episodes=episodes, levels=levels, finite=found)
@@ -158,12 +162,12 @@ def _losses(sums: dict[str, Sums]) -> dict[str, Array]:
 
 
 def _level_metrics(
-    course: Course, how: LevelSettings, state: StageState, name: str, sums: Sums
+    config: StageConfig, level_settings: LevelSettings, state: StageState, name: str, sums: Sums
 ) -> LevelMetrics:
     """A level at a chunk's end."""
     updates, loss, mean_q = sums
     return LevelMetrics(
-        epsilon=epsilon(how, course.budget.worlds, state.iteration),
+        epsilon=epsilon(level_settings, config.budget.worlds, state.iteration),
         loss=loss / updates,
         mean_q=mean_q / updates,
         transitions=state.replays[name].position,
@@ -171,50 +175,58 @@ def _level_metrics(
     )
 
 
-def epsilon(how: LevelSettings, worlds: int, iteration: Array) -> Array:
+def epsilon(level_settings: LevelSettings, worlds: int, iteration: Array) -> Array:
     """Epsilon at an iteration, counted over all worlds or in each (row 15 of the reading)."""
     steps = iteration
-    if how.exploration.counted == "all-worlds":
+    if level_settings.exploration.counted == "all-worlds":
         steps = iteration * worlds
-    return exploration.epsilon(how.exploration, steps)
+    return exploration.epsilon(level_settings.exploration, steps)
 
 
 def _iterate(
-    course: Course, frozen: Parameters, carry: tuple[StageState, dict[str, Sums]], _: None
-) -> tuple[tuple[StageState, dict[str, Sums]], tuple[EpisodeStats, Between]]:
+    config: StageConfig, frozen: Parameters, carry: tuple[StageState, dict[str, Sums]], _: None
+) -> tuple[tuple[StageState, dict[str, Sums]], tuple[EpisodeStats, IterationFinite]]:
     """One decision in every world, then the updates that are due."""
     state, sums = carry
-    looked = finite.between(state.rollouts, _losses(sums))
+    looked = finite_checks.between(state.rollouts, _losses(sums))
     step_key, update_key = jax.random.split(jax.random.fold_in(state.key, state.iteration + 2))
-    state, stats = _drive(course, frozen, state, step_key)
+    state, stats = _drive(config, frozen, state, step_key)
     learners = dict(state.learners)
     sums = dict(sums)
-    for number, (name, how) in enumerate(course.learning):
-        due = updates_due(how, course.budget.worlds, state.iteration)
+    for number, (name, level_settings) in enumerate(config.learning):
+        due = updates_due(level_settings, config.budget.worlds, state.iteration)
         learners[name], sums[name] = _learn(
-            how, learners[name], state.replays[name], sums[name], due, _of_level(update_key, number)
+            level_settings,
+            learners[name],
+            state.replays[name],
+            sums[name],
+            due,
+            _of_level(update_key, number),
         )
     return (replace(state, learners=learners), sums), (stats, looked)
 
 
 def _drive(
-    course: Course, frozen: Parameters, state: StageState, key: Array
+    config: StageConfig, frozen: Parameters, state: StageState, key: Array
 ) -> tuple[StageState, EpisodeStats]:
     """One decision in every world; complete transitions go to the replays."""
     parameters = frozen | online(state.learners)
-    worlds = course.budget.worlds
-    now = {name: epsilon(how, worlds, state.iteration) for name, how in course.learning}
+    worlds = config.budget.worlds
+    now = {
+        name: epsilon(level_settings, worlds, state.iteration)
+        for name, level_settings in config.learning
+    }
     keys, start_keys = jax.vmap(jax.random.split, out_axes=1)(jax.random.split(key, worlds))
     rollouts, emitted = jax.vmap(
-        lambda world, world_key: rollout.step(course, parameters, world, now, world_key)
+        lambda world, world_key: rollout.step(config, parameters, world, now, world_key)
     )(state.rollouts, keys)
     stats = rollouts.episode.stats
-    rollouts = restart.where(
+    rollouts = restarting.restart_finished(
         stats.outcome.over,
         rollouts,
-        lambda over: jax.vmap(partial(rollout.begin, course, parameters))(start_keys[over]),
+        lambda over: jax.vmap(partial(rollout.begin, config, parameters))(start_keys[over]),
     )
-    replays = {name: _add(state.replays[name], emitted[name]) for name, _ in course.learning}
+    replays = {name: _add(state.replays[name], emitted[name]) for name, _ in config.learning}
     after = replace(state, iteration=state.iteration + 1, replays=replays, rollouts=rollouts)
     return after, stats
 
@@ -226,7 +238,12 @@ def _add(memory: Replay, emitted: Emitted) -> Replay:
 
 
 def _learn(
-    how: LevelSettings, state: Learner, memory: Replay, sums: Sums, due: Array, key: Array
+    level_settings: LevelSettings,
+    state: Learner,
+    memory: Replay,
+    sums: Sums,
+    due: Array,
+    key: Array,
 ) -> tuple[Learner, Sums]:
     """A level's updates after an iteration: a loop of traced length, none during the warm-up.
 
@@ -236,22 +253,24 @@ def _learn(
 
     def update(index: Array, carry: tuple[Learner, Sums]) -> tuple[Learner, Sums]:
         current, (count, loss, mean_q) = carry
-        batch = replay.sample(memory, jax.random.fold_in(key, index), how.learner.batch_size)
-        current, metrics = learner.update(how.learner, current, batch)
+        batch = replay.sample(
+            memory, jax.random.fold_in(key, index), level_settings.learner.batch_size
+        )
+        current, metrics = learner.update(level_settings.learner, current, batch)
         return current, (count + 1.0, loss + metrics.loss, mean_q + metrics.mean_q)
 
     after: tuple[Learner, Sums] = jax.lax.fori_loop(0, due, update, (state, sums))
     return after
 
 
-def updates_due(how: LevelSettings, worlds: int, iteration: Array) -> Array:
+def updates_due(level_settings: LevelSettings, worlds: int, iteration: Array) -> Array:
     """A level's updates after iteration number ``iteration``, the first being 1; int32 [].
 
     Their running total follows ``updates_per_step``.
     """
-    rate = how.updates_per_step * worlds
+    rate = level_settings.updates_per_step * worlds
     whole, part = floor(rate), rate - floor(rate)
     # The whole part apart, so that a float32 product of the count stays exact enough.
     extra = jnp.floor(iteration * part) - jnp.floor((iteration - 1) * part)
-    warm = iteration * worlds > how.learner.warm_up
+    warm = iteration * worlds > level_settings.learner.warm_up
     return jnp.where(warm, whole + extra, 0).astype(jnp.int32)

@@ -46,13 +46,13 @@ class Emitted:
     """bool [n] which of them go to the replay."""
 
 
-def nothing(how: LevelSettings, feature_count: int) -> Pending:
+def empty(level_settings: LevelSettings, feature_count: int) -> Pending:
     """No choice pending."""
     return Pending(
-        features=jnp.zeros((how.returns, feature_count), jnp.float32),
-        choice=jnp.zeros(how.returns, jnp.int32),
-        reward=jnp.zeros(how.returns, jnp.float32),
-        discount=jnp.ones(how.returns, jnp.float32),
+        features=jnp.zeros((level_settings.returns, feature_count), jnp.float32),
+        choice=jnp.zeros(level_settings.returns, jnp.int32),
+        reward=jnp.zeros(level_settings.returns, jnp.float32),
+        discount=jnp.ones(level_settings.returns, jnp.float32),
         count=jnp.int32(0),
     )
 
@@ -72,8 +72,12 @@ def push(pending: Pending, features: Array, choice: Array) -> Pending:
     )
 
 
-def gather(
-    how: LevelSettings, pending: Pending, outcome: Outcome, feedback: Feedback, before: Array
+def accumulate(
+    level_settings: LevelSettings,
+    pending: Pending,
+    outcome: Outcome,
+    feedback: Feedback,
+    before: Array,
 ) -> Pending:
     """Add a decision's reward to every pending choice.
 
@@ -83,36 +87,38 @@ def gather(
     decision (row 14).
 
     Args:
-        how: the weights.
+        level_settings: the weights.
         pending: the choices.
         outcome: of the decision.
         feedback: after it, of the goal it was made under.
         before: [] distance from that goal before the decision.
     """
     alive = ~outcome.terminated
-    tracking = jnp.where(alive, how.tracking_weight * feedback.distance, 0.0)
-    goal = jnp.where(alive & feedback.reached, how.goal_reward, 0.0)
-    reward = how.external_weight * outcome.reward - tracking + goal
-    if how.approach_weight:
-        reward += jnp.where(alive, how.approach_weight * (before - feedback.distance), 0.0)
+    tracking = jnp.where(alive, level_settings.tracking_weight * feedback.distance, 0.0)
+    goal = jnp.where(alive & feedback.reached, level_settings.goal_reward, 0.0)
+    reward = level_settings.external_weight * outcome.reward - tracking + goal
+    if level_settings.approach_weight:
+        reward += jnp.where(
+            alive, level_settings.approach_weight * (before - feedback.distance), 0.0
+        )
     weight = pending.discount
-    if how.discount_across_goal == "per-goal":
-        weight = _per_choice(how, 0)
+    if level_settings.discount_across_goal == "per-goal":
+        weight = _per_choice(level_settings, 0)
     return replace(
         pending,
         reward=pending.reward + weight * reward,
-        discount=pending.discount * how.learner.discount,
+        discount=pending.discount * level_settings.learner.discount,
     )
 
 
-def _per_choice(how: LevelSettings, first: int) -> Array:
+def _per_choice(level_settings: LevelSettings, first: int) -> Array:
     """gamma^(i + first) for the choice i choices back, [n]."""
-    powers = np.arange(first, first + how.returns)
-    return jnp.asarray(np.power(how.learner.discount, powers), jnp.float32)
+    powers = np.arange(first, first + level_settings.returns)
+    return jnp.asarray(np.power(level_settings.learner.discount, powers), jnp.float32)
 
 
 def emit(
-    how: LevelSettings,
+    level_settings: LevelSettings,
     pending: Pending,
     outcome: Outcome,
     feedback: Feedback,
@@ -123,14 +129,14 @@ def emit(
 
     The oldest of n choices is complete when the next one is due; at an episode's end all are.
     """
-    n = how.returns
+    n = level_settings.returns
     discount = pending.discount
-    if how.discount_across_goal == "per-goal":
-        discount = _per_choice(how, 1)
+    if level_settings.discount_across_goal == "per-goal":
+        discount = _per_choice(level_settings, 1)
     over = outcome.terminated
-    if how.time_out == "terminal":
+    if level_settings.time_out == "terminal":
         over = over | outcome.truncated
-    if how.goal_end == "terminal":
+    if level_settings.goal_end == "terminal":
         over = over | feedback.reached
     done = outcome.terminated | outcome.truncated
     index = jnp.arange(n)

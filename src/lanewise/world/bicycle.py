@@ -6,8 +6,8 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from lanewise.world.motion import Facing
-from lanewise.world.once import rounded
+from lanewise.world.materialize import rounded
+from lanewise.world.motion import HeadingTrig
 from lanewise.world.settings import TOP_SPEED
 from lanewise.world.state import World
 from lanewise.world.steering import slip_sine
@@ -55,7 +55,7 @@ def _limited(world: World) -> tuple[Array, Array]:
     return slip, acceleration
 
 
-def move(world: World, facing: Facing, duration: ArrayLike) -> World:
+def move(world: World, trig: HeadingTrig, duration: ArrayLike) -> World:
     """Move every present vehicle for one tick.
 
     Position moves with the old speed along heading + slip, then by the displacement of a
@@ -64,7 +64,7 @@ def move(world: World, facing: Facing, duration: ArrayLike) -> World:
 
     Args:
         world: one world.
-        facing: of its vehicles, before they move.
+        trig: of its vehicles, before they move.
         duration: of the tick, s.
 
     Returns:
@@ -73,7 +73,7 @@ def move(world: World, facing: Facing, duration: ArrayLike) -> World:
     vehicles, present = world.vehicles, world.vehicles.present
     slip, acceleration = _limited(world)
     slip_cosine = jnp.sqrt(1 - slip * slip)
-    cosine, sine = facing
+    cosine, sine = trig
     x = vehicles.x + vehicles.speed * (cosine * slip_cosine - sine * slip) * duration
     y = vehicles.y + vehicles.speed * (sine * slip_cosine + cosine * slip) * duration
     x = jnp.where(vehicles.impacted, x + vehicles.impact_x, x)

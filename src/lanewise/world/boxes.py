@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from lanewise.world.motion import Facing
+from lanewise.world.motion import HeadingTrig
 from lanewise.world.state import World
 
 
@@ -47,12 +47,12 @@ class Overlap(NamedTuple):
     """m."""
 
 
-def of_vehicles(world: World, facing: Facing) -> Box:
+def of_vehicles(world: World, trig: HeadingTrig) -> Box:
     """Rectangles of all vehicles.
 
     Args:
         world: one world.
-        facing: of its vehicles.
+        trig: of its vehicles.
 
     Returns:
         Arrays [N].
@@ -61,8 +61,8 @@ def of_vehicles(world: World, facing: Facing) -> Box:
     return Box(
         x=vehicles.x,
         y=vehicles.y,
-        cosine=facing.cosine,
-        sine=facing.sine,
+        cosine=trig.cosine,
+        sine=trig.sine,
         speed=vehicles.speed,
         half_length=drivers.length / 2,
         half_width=drivers.width / 2,

@@ -12,20 +12,20 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import ArrayLike
 
-from lanewise.world import few, sets
+from lanewise.world import bitset, compaction
 from lanewise.world.boxes import Box, of_vehicles, overlap
-from lanewise.world.few import Chosen
-from lanewise.world.motion import Facing
-from lanewise.world.once import once
+from lanewise.world.compaction import Selection
+from lanewise.world.materialize import materialize
+from lanewise.world.motion import HeadingTrig
 from lanewise.world.state import World, numbered
 
-TOUCHING = 50
+TOUCHING_COMPACTION = 50
 """One vehicle in so many passes the quick test; see docs/speed.md."""
 SLACK = 1e-3
 """By this much, m, the quick test is more generous than the exact one, against rounding."""
 
 
-def candidates(world: World, boxes: Box, duration: ArrayLike) -> sets.Words:
+def candidates(world: World, boxes: Box, duration: ArrayLike) -> bitset.Bitset:
     """The vehicles each vehicle must be tested against: a quick test that never misses a pair.
 
     A pair is tested when both are present and either checks collisions. It cannot touch if it is
@@ -58,11 +58,11 @@ def candidates(world: World, boxes: Box, duration: ArrayLike) -> sets.Words:
         across = aside <= mine + theirs[other] + sine * both[other]
         return along & across & (checks | checks[other])
 
-    met = sets.where(count, tested)
-    return sets.without(met, sets.single(numbered(present), count))
+    met = bitset.where(count, tested)
+    return bitset.without(met, bitset.single(numbered(present), count))
 
 
-class Outcome(NamedTuple):
+class CollisionState(NamedTuple):
     """What collisions do to each vehicle, arrays [N]."""
 
     crashed: Array
@@ -75,7 +75,7 @@ class Outcome(NamedTuple):
     """m."""
 
 
-def resolve(world: World, facing: Facing, duration: ArrayLike) -> World:
+def resolve(world: World, trig: HeadingTrig, duration: ArrayLike) -> World:
     """Crash vehicles that overlap and set impacts on those about to.
 
     Each of a pair is moved by half the way out. Pairs come in list order and later ones
@@ -84,52 +84,56 @@ def resolve(world: World, facing: Facing, duration: ArrayLike) -> World:
 
     Args:
         world: one world, vehicles already moved.
-        facing: of its vehicles.
+        trig: of its vehicles.
         duration: of the tick, s.
 
     Returns:
         The world with `crashed` and impacts set.
     """
     vehicles = world.vehicles
-    boxes = once(vehicles.present, lambda: of_vehicles(world, facing))
-    met = once(vehicles.present, lambda: candidates(world, boxes, duration))
-    before = Outcome(vehicles.crashed, vehicles.impacted, vehicles.impact_x, vehicles.impact_y)
-    after = few.where(
-        sets.inhabited(met),
+    boxes = materialize(vehicles.present, lambda: of_vehicles(world, trig))
+    met = materialize(vehicles.present, lambda: candidates(world, boxes, duration))
+    before = CollisionState(
+        vehicles.crashed, vehicles.impacted, vehicles.impact_x, vehicles.impact_y
+    )
+    after = compaction.masked_apply(
+        bitset.inhabited(met),
         before,
         lambda chosen: _meet(chosen, boxes, chosen.own(met), chosen.own(before), duration),
-        one_in=TOUCHING,
+        one_in=TOUCHING_COMPACTION,
     )
     return replace(world, vehicles=replace(vehicles, **after._asdict()))
 
 
 def _meet(
-    chosen: Chosen, boxes: Box, met: sets.Words, before: Outcome, duration: ArrayLike
-) -> Outcome:
+    chosen: Selection, boxes: Box, met: bitset.Bitset, before: CollisionState, duration: ArrayLike
+) -> CollisionState:
     """What happens to a few vehicles that go through their candidates, [K]."""
-    mine, count = once(chosen.real, lambda: chosen.own(boxes)), boxes.x.shape[0]
+    mine, count = materialize(chosen.real, lambda: chosen.own(boxes)), boxes.x.shape[0]
 
-    def meet(state: tuple[sets.Words, Outcome]) -> tuple[sets.Words, Outcome]:
+    def meet(state: tuple[bitset.Bitset, CollisionState]) -> tuple[bitset.Bitset, CollisionState]:
         left, so_far = state
-        other = sets.smallest(left)
-        values = once(
+        other = bitset.smallest(left)
+        values = materialize(
             chosen.real, lambda: [chosen.at(value, jnp.maximum(other, 0)) for value in boxes]
         )
         theirs = Box(*values)
         first = chosen.vehicle < other
         a = Box(*(jnp.where(first, m, t) for m, t in zip(mine, theirs, strict=True)))
         b = Box(*(jnp.where(first, t, m) for m, t in zip(mine, theirs, strict=True)))
-        pair = once(chosen.real, lambda: overlap(a, b, duration))
+        pair = materialize(chosen.real, lambda: overlap(a, b, duration))
         tested = other >= 0
         hit = tested & pair.soon
         share = jnp.where(first, 0.5, -0.5).astype(boxes.x.dtype)
-        after = Outcome(
+        after = CollisionState(
             crashed=so_far.crashed | (tested & pair.now),
             impacted=so_far.impacted | hit,
             impact_x=jnp.where(hit, share * pair.x, so_far.impact_x),
             impact_y=jnp.where(hit, share * pair.y, so_far.impact_y),
         )
-        return sets.without(left, sets.single(other, count)), after
+        return bitset.without(left, bitset.single(other, count)), after
 
-    _, after = lax.while_loop(lambda state: jnp.any(sets.inhabited(state[0])), meet, (met, before))
+    _, after = lax.while_loop(
+        lambda state: jnp.any(bitset.inhabited(state[0])), meet, (met, before)
+    )
     return after

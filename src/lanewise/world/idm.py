@@ -7,15 +7,14 @@ simulations", 2000; in the form of ``highway_env.vehicle.behavior.IDMVehicle``.
 import jax.numpy as jnp
 from jax import Array
 
-from lanewise.world import few, neighbours
-from lanewise.world import view as views
-from lanewise.world.few import Chosen
+from lanewise.world import neighbours
+from lanewise.world.materialize import materialize
 from lanewise.world.motion import Motion, not_zero
 from lanewise.world.neighbours import Front
-from lanewise.world.once import once
+from lanewise.world.observers import Observers, all_vehicles, masked_apply
 from lanewise.world.state import Drivers, World
 
-CHANGING = 20
+CHANGING_COMPACTION = 20
 """One driver in so many is changing lanes; see docs/speed.md."""
 
 
@@ -109,16 +108,15 @@ def accelerate(world: World, motion: Motion, target_lane: Array) -> Array:
         [N] clipped to each driver's limit, m/s^2.
     """
 
-    def behind_both(chosen: Chosen) -> Array:
-        view = views.few(world, motion, chosen)
-        front = neighbours.front(world, motion, view, chosen.at(target_lane, chosen.vehicle))
+    def behind_both(observers: Observers) -> Array:
+        front = neighbours.front(world, motion, observers, observers.own(target_lane))
         return jnp.maximum(
-            chosen.at(braking, chosen.vehicle), following(view.world, view.motion, front)
+            observers.own(braking), following(observers.world, observers.motion, front)
         )
 
-    front = neighbours.front(world, motion, views.everyone(world, motion), motion.lane)
-    braking = once(world.vehicles.present, lambda: following(world, motion, front))
+    front = neighbours.front(world, motion, all_vehicles(world, motion), motion.lane)
+    braking = materialize(world.vehicles.present, lambda: following(world, motion, front))
     changes = motion.decides & (target_lane != motion.lane)
-    braking = few.where(changes, braking, behind_both, one_in=CHANGING)
+    braking = masked_apply(world, motion, changes, braking, behind_both, one_in=CHANGING_COMPACTION)
     limit = world.drivers.acceleration_limit
     return jnp.clip(free_road(world.drivers, motion.effort) - braking, -limit, limit)

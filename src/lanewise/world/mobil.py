@@ -10,21 +10,19 @@ import numpy as np
 from jax import Array, lax
 from jax.typing import ArrayLike, DTypeLike
 
-from lanewise.world import few, idm, neighbours, sets
+from lanewise.world import bitset, idm, neighbours
 from lanewise.world import road as roads
-from lanewise.world import view as views
-from lanewise.world.few import Chosen
+from lanewise.world.materialize import materialize, rounded
 from lanewise.world.motion import Motion
 from lanewise.world.neighbours import Front, Pair, Rear
-from lanewise.world.once import once, rounded
+from lanewise.world.observers import Observers, masked_apply
 from lanewise.world.state import RULE_BASED, World, numbered
-from lanewise.world.view import View
 
 SLOWEST_CHANGE = 1.0
 """Nobody starts a lane change below this speed, m/s."""
-DUE = 10
+DUE_COMPACTION = 10
 """One driver in so many thinks about a lane change in a tick: every second, at 10 Hz."""
-CONTESTED = 50
+CONTESTED_COMPACTION = 50
 """One driver in so many is changing to a lane that others are bound for; see docs/speed.md."""
 TIMER_SLACK = 1e-5
 """More than float32 sums of ticks up to 1 s are off, s; see `timer-in-float32`."""
@@ -195,28 +193,25 @@ def choose(world: World, motion: Motion, thinks: Array) -> Array:
     """
     vehicles = world.vehicles
     moving = thinks & (jnp.abs(vehicles.speed) >= SLOWEST_CHANGE)
-    reachable = once(
+    reachable = materialize(
         vehicles.present, lambda: roads.reachable_lanes(world.road, vehicles.x, vehicles.y)
     )
-    return few.where(
-        moving,
-        vehicles.target_lane,
-        lambda chosen: _chosen_lane(
-            world, motion, views.few(world, motion, chosen), chosen.own(reachable)
-        ),
-        one_in=DUE,
+    return masked_apply(
+        *(world, motion, moving, vehicles.target_lane),
+        lambda observers: _chosen_lane(world, motion, observers, observers.own(reachable)),
+        one_in=DUE_COMPACTION,
     )
 
 
-def _chosen_lane(world: World, motion: Motion, view: View, reachable: Array) -> Array:
-    """The lane each vehicle of a view prefers, of those it can reach; int32 [Q].
+def _chosen_lane(world: World, motion: Motion, observers: Observers, reachable: Array) -> Array:
+    """The lane each vehicle of some observers prefers, of those it can reach; int32 [Q].
 
     Left is tried first, then right, and right overwrites left (`right-overwrites-left`).
     """
-    mine, seen = view.world, view.motion
+    mine, seen = observers.world, observers.motion
     # The lanes side by side: as many steps for the three of them as for one.
     lanes = seen.lane + jnp.array([0, -1, 1], jnp.int32).reshape(-1, *(1,) * seen.lane.ndim)
-    around = once(view.real, lambda: neighbours.both(world, motion, view, lanes))
+    around = materialize(observers.real, lambda: neighbours.both(world, motion, observers, lanes))
     own: Pair = jax.tree.map(lambda leaf: leaf[0], around)
     new: Pair = jax.tree.map(lambda leaf: leaf[1:], around)
     open_ = (reachable & roads.lane_bit(lanes[1:])) != 0
@@ -247,24 +242,26 @@ def aborts(world: World, motion: Motion, chosen: Array) -> Array:
     considers = motion.decides & drivers.changes_lanes & (target != lane)
     count, index = lane.shape[0], numbered(lane)
 
-    def met(some: Chosen) -> sets.Words:
-        return _rivals(world, motion, views.few(world, motion, some), chosen)
+    def met(observers: Observers) -> bitset.Bitset:
+        return _rivals(world, motion, observers, chosen)
 
-    nobody = sets.where(count, lambda _: jnp.zeros_like(considers))
+    nobody = bitset.where(count, lambda _: jnp.zeros_like(considers))
     contested = considers & _is_contested(world, motion, chosen)
-    rivals = few.where(contested, nobody, met, one_in=CONTESTED)
-    changers = once(vehicles.present, lambda: sets.where(count, lambda other: considers[other]))
-    undecided = sets.both(sets.below(index, count), changers)
-    unsettled = sets.both(rivals, undecided)
-    sure = sets.inhabited(sets.without(rivals, undecided))
+    rivals = masked_apply(world, motion, contested, nobody, met, one_in=CONTESTED_COMPACTION)
+    changers = materialize(
+        vehicles.present, lambda: bitset.where(count, lambda other: considers[other])
+    )
+    undecided = bitset.both(bitset.below(index, count), changers)
+    unsettled = bitset.both(rivals, undecided)
+    sure = bitset.inhabited(bitset.without(rivals, undecided))
 
     def settle(state: tuple[Array, Array]) -> tuple[Array, Array]:
         abort, _ = state
-        given_up = sets.where(count, lambda other: abort[other])
-        settled = sure | sets.inhabited(sets.without(unsettled, given_up))
+        given_up = bitset.where(count, lambda other: abort[other])
+        settled = sure | bitset.inhabited(bitset.without(unsettled, given_up))
         return settled, jnp.any(settled != abort)
 
-    start = sure, jnp.any(sets.inhabited(unsettled))
+    start = sure, jnp.any(bitset.inhabited(unsettled))
     abort, _ = lax.while_loop(lambda state: state[1], settle, start)
     return abort
 
@@ -286,18 +283,18 @@ def _is_contested(world: World, motion: Motion, chosen: Array) -> Array:
             some |= bound[number]
         return several
 
-    return (target & once(vehicles.present, bound_by_several)) != 0
+    return (target & materialize(vehicles.present, bound_by_several)) != 0
 
 
-def _rivals(world: World, motion: Motion, view: View, chosen: Array) -> sets.Words:
-    """The rivals of each vehicle of a view, which is changing lanes; [Q] sets of vehicles."""
-    mine, seen = view.world, view.motion
+def _rivals(world: World, motion: Motion, observers: Observers, chosen: Array) -> bitset.Bitset:
+    """The rivals of each observer, which is changing lanes; [Q] sets of vehicles."""
+    mine, seen = observers.world, observers.motion
     target = mine.vehicles.target_lane
-    x, velocity_x, velocity_y, lane = view.around(
+    x, velocity_x, velocity_y, lane = observers.around(
         (world.vehicles.x, motion.velocity_x, motion.velocity_y, motion.lane)
     )
     rule_based = world.vehicles.present & (world.drivers.kind == RULE_BASED)
-    rule_based, before, after = view.around((rule_based, world.vehicles.target_lane, chosen))
+    rule_based, before, after = observers.around((rule_based, world.vehicles.target_lane, chosen))
 
     def contests(other: int) -> Array:
         rival_speed = velocity_x[other] * seen.cosine + velocity_y[other] * seen.sine
@@ -305,11 +302,11 @@ def _rivals(world: World, motion: Motion, view: View, chosen: Array) -> sets.Wor
         wanted = idm.desired_gap(
             mine.drivers, mine.vehicles.speed, mine.vehicles.speed - rival_speed
         )
-        bound_for = jnp.where(other < view.number, after[other], before[other])
+        bound_for = jnp.where(other < observers.number, after[other], before[other])
         bound_too = rule_based[other] & (bound_for == target) & (lane[other] != target)
         return bound_too & (gap > 0) & (gap < wanted)
 
-    return sets.where(x.shape[0], contests)
+    return bitset.where(x.shape[0], contests)
 
 
 def decide(world: World, motion: Motion, duration: ArrayLike) -> tuple[Array, Array]:

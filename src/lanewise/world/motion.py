@@ -9,15 +9,15 @@ import jax.numpy as jnp
 from jax import Array
 
 from lanewise.world import road as roads
-from lanewise.world.once import once
-from lanewise.world.select import pick
+from lanewise.world.indexing import select_by_index
+from lanewise.world.materialize import materialize
 from lanewise.world.state import RULE_BASED, Vehicles, World
 
 SMALLEST = 1e-2
 """`not_zero` keeps numbers at least this far from zero."""
 
 
-class Facing(NamedTuple):
+class HeadingTrig(NamedTuple):
     """Where vehicles are headed, arrays [N].
 
     It changes once a tick, when they move, and takes as long as any other part of a tick.
@@ -65,30 +65,30 @@ def not_zero(value: Array) -> Array:
     return jnp.where(jnp.abs(value) > SMALLEST, value, substitute.astype(value.dtype))
 
 
-def facing(vehicles: Vehicles) -> Facing:
+def heading_trig(vehicles: Vehicles) -> HeadingTrig:
     """Where every vehicle is headed, computed once."""
-    return once(
-        vehicles.present, lambda: Facing(jnp.cos(vehicles.heading), jnp.sin(vehicles.heading))
+    return materialize(
+        vehicles.present, lambda: HeadingTrig(jnp.cos(vehicles.heading), jnp.sin(vehicles.heading))
     )
 
 
-def observe(world: World, facing: Facing) -> Motion:
+def observe(world: World, trig: HeadingTrig) -> Motion:
     """Derive what a tick needs to know of every vehicle.
 
     The effort is max(speed, 0) / |not_zero(clip(target speed, 0, limit of the own lane))|.
 
     Args:
         world: one world.
-        facing: of its vehicles.
+        trig: of its vehicles.
 
     Returns:
         Its motion.
     """
     vehicles, drivers = world.vehicles, world.drivers
     lane = roads.closest_lane(world.road, vehicles.x, vehicles.y)
-    limit = pick(world.road.speed_limit, lane)
+    limit = select_by_index(world.road.speed_limit, lane)
     target_speed = jnp.clip(drivers.target_speed, 0, limit)
-    cosine, sine = facing
+    cosine, sine = trig
     occupied = roads.occupied_lanes(world.road, vehicles.x, vehicles.y)
     return Motion(
         lane=lane,

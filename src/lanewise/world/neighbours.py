@@ -11,10 +11,10 @@ import jax.numpy as jnp
 from jax import Array
 
 from lanewise.world import road as roads
+from lanewise.world.materialize import materialize
 from lanewise.world.motion import Motion
-from lanewise.world.once import once
+from lanewise.world.observers import Observers
 from lanewise.world.state import World
-from lanewise.world.view import View
 
 
 class Front(NamedTuple):
@@ -54,13 +54,13 @@ class Pair(NamedTuple):
     rear: Rear
 
 
-def front(world: World, motion: Motion, view: View, lane: Array) -> Front:
-    """The vehicle ahead of each vehicle of a view, on a lane.
+def front(world: World, motion: Motion, observers: Observers, lane: Array) -> Front:
+    """The vehicle ahead of each vehicle of some observers, on a lane.
 
     Args:
         world: everyone.
         motion: everyone's.
-        view: who looks.
+        observers: who looks.
         lane: int32 [Q] or [L, Q], the lane each looks at, or several; outside the road nobody is
             found.
 
@@ -68,22 +68,22 @@ def front(world: World, motion: Motion, view: View, lane: Array) -> Front:
         Arrays in the shape of ``lane``.
     """
     vehicles, count = world.vehicles, world.vehicles.x.shape[0]
-    found = once(vehicles.present, lambda: _ahead(view, lane))
+    found = materialize(vehicles.present, lambda: _ahead(observers, lane))
     return Front(
         exists=found < count,
-        x=view.at(vehicles.x, found),
-        velocity_x=view.at(motion.velocity_x, found),
-        velocity_y=view.at(motion.velocity_y, found),
+        x=observers.at(vehicles.x, found),
+        velocity_x=observers.at(motion.velocity_x, found),
+        velocity_y=observers.at(motion.velocity_y, found),
     )
 
 
-def rear(world: World, motion: Motion, view: View, lane: Array) -> Rear:
-    """The vehicle behind each vehicle of a view, on a lane.
+def rear(world: World, motion: Motion, observers: Observers, lane: Array) -> Rear:
+    """The vehicle behind each vehicle of some observers, on a lane.
 
     Args:
         world: everyone.
         motion: everyone's.
-        view: who looks.
+        observers: who looks.
         lane: int32 [Q] or [L, Q], the lane each looks at, or several; outside the road nobody is
             found.
 
@@ -91,41 +91,41 @@ def rear(world: World, motion: Motion, view: View, lane: Array) -> Rear:
         Arrays in the shape of ``lane``.
     """
     vehicles, count = world.vehicles, world.vehicles.x.shape[0]
-    found = once(vehicles.present, lambda: _behind(view, lane))
+    found = materialize(vehicles.present, lambda: _behind(observers, lane))
     return Rear(
         exists=found < count,
-        x=view.at(vehicles.x, found),
-        speed=view.at(vehicles.speed, found),
-        cosine=view.at(motion.cosine, found),
-        sine=view.at(motion.sine, found),
-        effort=view.at(motion.effort, found),
+        x=observers.at(vehicles.x, found),
+        speed=observers.at(vehicles.speed, found),
+        cosine=observers.at(motion.cosine, found),
+        sine=observers.at(motion.sine, found),
+        effort=observers.at(motion.effort, found),
     )
 
 
-def both(world: World, motion: Motion, view: View, lane: Array) -> Pair:
-    """Both neighbours of each vehicle of a view, on a lane; as `front` and `rear`."""
-    return Pair(front(world, motion, view, lane), rear(world, motion, view, lane))
+def both(world: World, motion: Motion, observers: Observers, lane: Array) -> Pair:
+    """Both neighbours of each vehicle of some observers, on a lane; as `front` and `rear`."""
+    return Pair(front(world, motion, observers, lane), rear(world, motion, observers, lane))
 
 
-def _ahead(view: View, lane: Array) -> Array:
+def _ahead(observers: Observers, lane: Array) -> Array:
     """Number of the vehicle ahead, int32, in the shape of ``lane``; N where there is none."""
-    own = view.world.vehicles.x
-    x, occupied = view.x, view.occupied
+    own = observers.world.vehicles.x
+    x, occupied = observers.x, observers.occupied
     bit = roads.lane_bit(lane)
     count = x.shape[0]
     found, nearest = jnp.full(lane.shape, count), jnp.full(lane.shape, jnp.inf, own.dtype)
     for other in range(count):
         on_lane = (occupied[other] & bit) != 0
-        nearer = on_lane & (x[other] >= own) & (x[other] <= nearest) & (view.number != other)
+        nearer = on_lane & (x[other] >= own) & (x[other] <= nearest) & (observers.number != other)
         found = jnp.where(nearer, other, found)
         nearest = jnp.where(nearer, x[other], nearest)
     return found
 
 
-def _behind(view: View, lane: Array) -> Array:
+def _behind(observers: Observers, lane: Array) -> Array:
     """Number of the vehicle behind, int32, in the shape of ``lane``; N where there is none."""
-    own = view.world.vehicles.x
-    x, occupied = view.x, view.occupied
+    own = observers.world.vehicles.x
+    x, occupied = observers.x, observers.occupied
     bit = roads.lane_bit(lane)
     count = x.shape[0]
     found, nearest = jnp.full(lane.shape, count), jnp.full(lane.shape, -jnp.inf, own.dtype)

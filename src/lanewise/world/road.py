@@ -4,7 +4,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike, DTypeLike
 
-from lanewise.world.select import pick
+from lanewise.world.indexing import select_by_index
 from lanewise.world.settings import FARTHEST
 from lanewise.world.state import Road
 
@@ -93,7 +93,7 @@ def lateral_offset(road: Road, lane: Array, y: Array) -> Array:
     Returns:
         [N].
     """
-    return y - pick(road.centre, lane)
+    return y - select_by_index(road.centre, lane)
 
 
 def lane_bit(lane: Array) -> Array:

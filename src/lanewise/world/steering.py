@@ -36,7 +36,7 @@ def slip_sine(steering: Array) -> Array:
     return half_tangent / jnp.sqrt(1 + half_tangent * half_tangent)
 
 
-def of_slip(sine: Array) -> Array:
+def from_slip_sine(sine: Array) -> Array:
     """The steering angle of a slip angle's sine, the inverse of `slip_sine`; rad, any shape."""
     return jnp.arctan(2 * sine / jnp.sqrt(1 - sine * sine))
 

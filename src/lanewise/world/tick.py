@@ -14,8 +14,8 @@ from jax.custom_batching import custom_vmap
 from jax.typing import ArrayLike
 
 from lanewise.world import bicycle, collision, idm, mobil, motion, steering
-from lanewise.world.motion import Facing, Motion
-from lanewise.world.once import on_cpu, once
+from lanewise.world.materialize import materialize, on_cpu
+from lanewise.world.motion import HeadingTrig, Motion
 from lanewise.world.state import RULE_BASED, Vehicles, World
 
 CACHED = 4096
@@ -32,17 +32,17 @@ def tick(world: World, duration: ArrayLike) -> World:
     Returns:
         The world a step later.
     """
-    return step(world, motion.facing(world.vehicles), duration)[0]
+    return step(world, motion.heading_trig(world.vehicles), duration)[0]
 
 
-def step(world: World, facing: Facing, duration: ArrayLike) -> tuple[World, Facing]:
+def step(world: World, trig: HeadingTrig, duration: ArrayLike) -> tuple[World, HeadingTrig]:
     """As `tick`, from where the vehicles are headed to where they are headed then."""
-    seen = once(world.vehicles.present, lambda: motion.observe(world, facing))
+    seen = materialize(world.vehicles.present, lambda: motion.observe(world, trig))
     world = act(world, seen, duration)
-    world = bicycle.move(world, facing, duration)
+    world = bicycle.move(world, trig, duration)
     world = wait(world, duration)
-    facing = motion.facing(world.vehicles)
-    return collision.resolve(world, facing, duration), facing
+    trig = motion.heading_trig(world.vehicles)
+    return collision.resolve(world, trig, duration), trig
 
 
 def act(world: World, seen: Motion, duration: ArrayLike) -> World:
@@ -69,7 +69,7 @@ def act(world: World, seen: Motion, duration: ArrayLike) -> World:
             "slip_sine": jnp.where(seen.decides, slip_sine, vehicles.slip_sine),
         }
 
-    return replace(world, vehicles=replace(vehicles, **once(vehicles.present, decided)))
+    return replace(world, vehicles=replace(vehicles, **materialize(vehicles.present, decided)))
 
 
 def wait(world: World, duration: ArrayLike) -> World:
@@ -104,12 +104,12 @@ def run(world: World, duration: float, count: int) -> World:
 
     @custom_vmap
     def later(world: World) -> Vehicles:
-        def next_tick(_: int, now: tuple[Vehicles, Facing]) -> tuple[Vehicles, Facing]:
-            vehicles, facing = now
-            after, facing = step(replace(world, vehicles=vehicles), facing, duration)
-            return after.vehicles, facing
+        def next_tick(_: int, now: tuple[Vehicles, HeadingTrig]) -> tuple[Vehicles, HeadingTrig]:
+            vehicles, trig = now
+            after, trig = step(replace(world, vehicles=vehicles), trig, duration)
+            return after.vehicles, trig
 
-        begun = world.vehicles, motion.facing(world.vehicles)
+        begun = world.vehicles, motion.heading_trig(world.vehicles)
         after: Vehicles = lax.fori_loop(0, count, next_tick, begun)[0]
         return after
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import Array
 
 
-def pick(values: Array, wanted: Array) -> Array:
+def select_by_index(values: Array, wanted: Array) -> Array:
     """The wanted value, ``values[wanted]``.
 
     Args:

@@ -12,16 +12,16 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 BITS = 32
-Words = tuple[Array, ...]
+Bitset = tuple[Array, ...]
 """uint32 arrays of one shape, the lowest bits first."""
 
 
 def word_count(count: int) -> int:
-    """Words that a set of ``count`` possible members needs."""
+    """Bitset that a set of ``count`` possible members needs."""
     return -(-count // BITS)
 
 
-def single(member: Array, count: int) -> Words:
+def single(member: Array, count: int) -> Bitset:
     """The set of one member.
 
     Args:
@@ -29,7 +29,7 @@ def single(member: Array, count: int) -> Words:
         count: number of possible members, static.
 
     Returns:
-        Words of that shape.
+        Bitset of that shape.
     """
     words = []
     for word in range(word_count(count)):
@@ -39,7 +39,7 @@ def single(member: Array, count: int) -> Words:
     return tuple(words)
 
 
-def below(limit: Array, count: int) -> Words:
+def below(limit: Array, count: int) -> Bitset:
     """The set of all members smaller than a limit.
 
     Args:
@@ -47,7 +47,7 @@ def below(limit: Array, count: int) -> Words:
         count: number of possible members, static.
 
     Returns:
-        Words of that shape.
+        Bitset of that shape.
     """
     words = []
     for word in range(word_count(count)):
@@ -57,7 +57,7 @@ def below(limit: Array, count: int) -> Words:
     return tuple(words)
 
 
-def where(count: int, holds: Callable[[int], Array]) -> Words:
+def where(count: int, holds: Callable[[int], Array]) -> Bitset:
     """The set of members for which something holds.
 
     Args:
@@ -65,7 +65,7 @@ def where(count: int, holds: Callable[[int], Array]) -> Words:
         holds: of a member; bool of any one shape.
 
     Returns:
-        Words of that shape.
+        Bitset of that shape.
     """
     words = []
     for word in range(word_count(count)):
@@ -75,22 +75,22 @@ def where(count: int, holds: Callable[[int], Array]) -> Words:
     return tuple(words)
 
 
-def both(left: Words, right: Words) -> Words:
+def both(left: Bitset, right: Bitset) -> Bitset:
     """Members of both sets."""
     return tuple(a & b for a, b in zip(left, right, strict=True))
 
 
-def without(left: Words, right: Words) -> Words:
+def without(left: Bitset, right: Bitset) -> Bitset:
     """Members of the left set that are not in the right one."""
     return tuple(a & ~b for a, b in zip(left, right, strict=True))
 
 
-def inhabited(words: Words) -> Array:
+def inhabited(words: Bitset) -> Array:
     """Whether a set has a member, bool."""
     return reduce(or_, words) != 0
 
 
-def smallest(words: Words) -> Array:
+def smallest(words: Bitset) -> Array:
     """The smallest member, int32; -1 of an empty set."""
     result = jnp.full(words[0].shape, -1, jnp.int32)
     for word, bits in reversed(list(enumerate(words))):

@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from lanewise.world import sets
-from lanewise.world.once import on_cpu
+from lanewise.world import bitset
+from lanewise.world.materialize import on_cpu
 
 ENOUGH = 64
 """Up to so many vehicles, all worlds together, all are computed at once."""
@@ -23,7 +23,7 @@ Tree = TypeVar("Tree")
 
 
 @dataclass(frozen=True)
-class Chosen:
+class Selection:
     """Some vehicles of some worlds, K of them. Their values have the shape [K]."""
 
     vehicle: Array
@@ -67,7 +67,9 @@ class Chosen:
         return full, full.shape[1]
 
 
-def where(mask: Array, otherwise: Tree, compute: Callable[[Chosen], Tree], one_in: int) -> Tree:
+def masked_apply(
+    mask: Array, otherwise: Tree, compute: Callable[[Selection], Tree], one_in: int
+) -> Tree:
     """Values computed for some vehicles.
 
     Args:
@@ -86,7 +88,7 @@ def where(mask: Array, otherwise: Tree, compute: Callable[[Chosen], Tree], one_i
     def everyone() -> Tree:
         vehicle, place = jnp.indices((mask.shape[0], mask.size // mask.shape[0]), jnp.int32)
         vehicle, place = vehicle.reshape(-1), place.reshape(-1)
-        found = compute(Chosen(vehicle, place, mask.reshape(-1), worlds))
+        found = compute(Selection(vehicle, place, mask.reshape(-1), worlds))
         result: Tree = jax.tree.map(
             lambda new, old: jnp.where(mask, new.reshape(mask.shape), old), found, otherwise
         )
@@ -107,10 +109,10 @@ def _in_turn(
     mask: Array,
     worlds: tuple[int, ...],
     otherwise: Tree,
-    compute: Callable[[Chosen], Tree],
+    compute: Callable[[Selection], Tree],
     at_once: int,
 ) -> Tree:
-    """As `where`, so many at once; mask [N, worlds], leaves flat."""
+    """As `masked_apply`, so many at once; mask [N, worlds], leaves flat."""
     per_world = mask.sum(0, dtype=jnp.int32)
     ends = jnp.cumsum(per_world, dtype=jnp.int32)
 
@@ -118,7 +120,7 @@ def _in_turn(
         first, so_far = state
         vehicle, place = _members(mask, ends - per_world, per_world, first, at_once)
         real = first + jnp.arange(at_once, dtype=jnp.int32) < ends[-1]
-        found = compute(Chosen(vehicle, place, real, worlds))
+        found = compute(Selection(vehicle, place, real, worlds))
         target = jnp.where(real, vehicle * mask.shape[1] + place, mask.size)
         after: Tree = jax.tree.map(
             lambda old, new: old.at[target].set(new, mode="drop"), so_far, found
@@ -148,10 +150,10 @@ def _members(
     noted = jnp.zeros(count, jnp.int32).at[jnp.where(counts, begins, count)].set(index, mode="drop")
     place = lax.cummax(noted)
     rank = first + jnp.arange(count, dtype=jnp.int32) - before[place]
-    words = [word[place] for word in sets.where(mask.shape[0], lambda number: mask[number])]
+    words = [word[place] for word in bitset.where(mask.shape[0], lambda number: mask[number])]
     vehicle, seen = jnp.zeros(count, jnp.int32), jnp.zeros(count, jnp.int32)
     for number in range(mask.shape[0]):
-        member = (words[number // sets.BITS] >> (number % sets.BITS)) & 1 != 0
+        member = (words[number // bitset.BITS] >> (number % bitset.BITS)) & 1 != 0
         vehicle = jnp.where(member & (seen == rank), number, vehicle)
         seen += member
     return vehicle, place

@@ -12,11 +12,11 @@ from test_stage import COURSE
 
 from lanewise.errors import NumbersError
 from lanewise.learning.replay import Replay
-from lanewise.training import findings, host, stage
-from lanewise.training import finite as finite_module
+from lanewise.training import findings, stage, trainer
+from lanewise.training import finite_checks as finite_module
 from lanewise.training.findings import Finding
-from lanewise.training.finite import Finite
-from lanewise.training.host import StagePlan, StageProgress
+from lanewise.training.finite_checks import ChunkFinite
+from lanewise.training.trainer import StagePlan, StageProgress
 
 LEVEL = "single_level"
 BAD = (np.nan, np.inf, -np.inf)
@@ -111,7 +111,7 @@ def finite(**spoilt):
         "loss": {"high": np.ones(4, bool), "low": np.ones(4, bool)},
         "weights": {"high": np.True_, "low": np.True_},
     }
-    return Finite(**fine | spoilt)
+    return ChunkFinite(**fine | spoilt)
 
 
 def table(*bad):
@@ -176,8 +176,8 @@ def test_a_bad_chunk_is_neither_booked_nor_validated(monkeypatch):
     budget = SimpleNamespace(worlds=2, keep="best-validation", decisions=600, episodes=0)
     plan = StagePlan("step-2", SimpleNamespace(budget=budget, learning=()), None, 3, 1, 1)
     metrics = SimpleNamespace(finite=finite(reward=table((2, 1))), episodes=None, levels={})
-    monkeypatch.setattr(host.evaluator, "evaluate", lambda *_: pytest.fail("validated"))
-    progress = StageProgress(None, {}, {}, host.Ledger(chunks=4, decisions=400))
+    monkeypatch.setattr(trainer.evaluator, "evaluate", lambda *_: pytest.fail("validated"))
+    progress = StageProgress(None, {}, {}, trainer.StageCounters(chunks=4, decisions=400))
     with pytest.raises(NumbersError, match=r"^step-2, chunk 5: a reward .* decision 404") as error:
-        host.book(plan, {}, progress, None, metrics)
+        trainer.finish_chunk(plan, {}, progress, None, metrics)
     assert error.value.found == (asdict(Finding("reward", iteration=2, world=1)),)

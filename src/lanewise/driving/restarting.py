@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from lanewise.world.once import on_cpu
+from lanewise.world.materialize import on_cpu
 
 AT_ONCE = 8
 """One in so many worlds is restarted at once."""
@@ -15,7 +15,7 @@ AT_ONCE = 8
 Tree = TypeVar("Tree")
 
 
-def where(done: Array, worlds: Tree, begin: Callable[[Array], Tree]) -> Tree:
+def restart_finished(done: Array, worlds: Tree, begin: Callable[[Array], Tree]) -> Tree:
     """Replace the worlds that are over.
 
     A few at a time, in a loop that runs as often as it takes, mostly not at all or once: a fresh

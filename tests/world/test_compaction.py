@@ -5,14 +5,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lanewise.world import few, once
+from lanewise.world import compaction, materialize
 
 
 @pytest.mark.parametrize("count", [5, 40], ids=["one word", "two words"])
 @pytest.mark.parametrize("share", [0.0, 0.03, 0.1, 0.6, 1.0])
 @pytest.mark.parametrize("elsewhere", [False, True], ids=["cpu", "elsewhere"])
 def test_the_few_and_no_others(count, share, elsewhere, monkeypatch):
-    monkeypatch.setattr(few, "on_cpu", lambda: not elsewhere)
+    monkeypatch.setattr(compaction, "on_cpu", lambda: not elsewhere)
     rng = np.random.default_rng(round(100 * share) + count)
     worlds = (3, 17)
     mask = jnp.asarray(rng.random((count, *worlds)) < share)
@@ -26,7 +26,7 @@ def test_the_few_and_no_others(count, share, elsewhere, monkeypatch):
         return {"a": mine * common + chosen.at(values, which), "b": everyone + chosen.vehicle}
 
     nothing = {"a": jnp.float32(-1.0), "b": jnp.zeros((count, *worlds), jnp.float32)}
-    found = jax.jit(lambda mask: few.where(mask, nothing, compute, one_in=9))(mask)
+    found = jax.jit(lambda mask: compaction.masked_apply(mask, nothing, compute, one_in=9))(mask)
     a = values * shared + np.take_along_axis(values, other, 0)
     b = values.sum(0) + np.arange(count)[:, None, None]
     np.testing.assert_allclose(found["a"], np.where(mask, a, -1.0), rtol=1e-5, atol=1e-6)
@@ -35,7 +35,9 @@ def test_the_few_and_no_others(count, share, elsewhere, monkeypatch):
 
 def test_a_single_world_needs_no_trailing_axis():
     mask = jnp.array([True, False, True])
-    found = few.where(mask, jnp.zeros(3), lambda chosen: chosen.vehicle + 1.0, one_in=2)
+    found = compaction.masked_apply(
+        mask, jnp.zeros(3), lambda chosen: chosen.vehicle + 1.0, one_in=2
+    )
     np.testing.assert_array_equal(found, [1.0, 0.0, 3.0])
 
 
@@ -46,5 +48,5 @@ def test_a_step_computed_once_is_traced_once():
         traced.append(1)
         return jnp.arange(3.0)
 
-    jax.jit(lambda present: once.once(present, step))(np.ones(3, bool))
+    jax.jit(lambda present: materialize.materialize(present, step))(np.ones(3, bool))
     assert len(traced) == 1

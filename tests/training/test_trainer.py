@@ -11,14 +11,14 @@ from lanewise.driving import episode
 from lanewise.driving.episode import EpisodeStats
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
-from lanewise.training import host as stages
 from lanewise.training import selection
-from lanewise.training.finite import Finite
-from lanewise.training.host import Ledger, StagePlan, StageProgress
+from lanewise.training import trainer as stages
+from lanewise.training.finite_checks import ChunkFinite
 from lanewise.training.settings import StageSettings
+from lanewise.training.trainer import StageCounters, StagePlan, StageProgress
 
 CHUNK, WORLDS = stages.stage.CHUNK, 2
-ALL_FINITE = Finite(
+ALL_FINITE = ChunkFinite(
     np.ones((CHUNK + 1, WORLDS), bool),
     np.ones((CHUNK + 1, WORLDS), bool),
     np.ones(WORLDS, bool),
@@ -33,8 +33,8 @@ NOTHING = episode.begin(trap.sample(TrapSettings(), jax.random.key(0), "test")).
 
 def plan_of(keep, decisions=6 * CHUNK * WORLDS, episodes=0, interval=2):
     settings = StageSettings(decisions=decisions, episodes=episodes, worlds=WORLDS, keep=keep)
-    course = SimpleNamespace(budget=settings, learning=(("q", settings),))
-    return StagePlan("step-1", course, None, 3, interval, fresh_episodes=20)
+    config = SimpleNamespace(budget=settings, learning=(("q", settings),))
+    return StagePlan("step-1", config, None, 3, interval, fresh_episodes=20)
 
 
 def state_of(chunk):
@@ -61,7 +61,7 @@ def play(monkeypatch):
         tests = iter(validations)
         done = []
 
-        def advance(course, frozen, state):
+        def advance(config, frozen, state):
             done.append(1)
             chunk = next(chunk_metrics)
             nothing = SimpleNamespace(
@@ -86,9 +86,9 @@ def play(monkeypatch):
         monkeypatch.setattr(stages.evaluator, "evaluate", test)
         monkeypatch.setattr(jax, "device_get", lambda tree: tree)
         weights = {"q": np.int32(0)}
-        window = selection.no_window(plan.course.budget.keep, weights)
+        window = selection.no_window(plan.config.budget.keep, weights)
         progress, reports = StageProgress(state_of(0), weights, window), []
-        while not plan.finished(progress.ledger):
+        while not plan.finished(progress.counters):
             progress, report = stages.advance(plan, {}, progress)
             reports.append(report)
         return progress, reports
@@ -116,7 +116,7 @@ def test_best_training_keeps_the_best_mean_of_the_last_ten_episodes(play):
     plan = plan_of("best-training")
     progress, reports = play(plan, chunks, validations)
     assert kept(plan, progress) == int(np.argmax(scores)) + 1
-    assert progress.ledger.best_score == pytest.approx((max(scores),))
+    assert progress.counters.best_score == pytest.approx((max(scores),))
     lines = [line for report in reports for line in report.episodes]
     assert [line["reward"] for line in lines] == pytest.approx(rewards)
     assert [line["episode"] for line in lines] == list(range(1, len(rewards) + 1))
@@ -133,13 +133,13 @@ def test_order_within_a_chunk_decides_which_ten_count(play):
     endings[(5, 1)] = 7.0
     plan = plan_of("best-training", decisions=CHUNK * WORLDS)
     progress, _ = play(plan, [endings], [(0, 0, 0)])
-    assert progress.ledger.best_score == pytest.approx((0.7,))
+    assert progress.counters.best_score == pytest.approx((0.7,))
 
 
 def test_fewer_than_ten_episodes_have_no_score(play):
     plan = plan_of("best-training", decisions=2 * CHUNK * WORLDS)
     progress, _ = play(plan, [{(0, 0): 9.0}, {(0, 0): 1.0}], [(0, 0, 0)])
-    assert progress.ledger.best_score == ()
+    assert progress.counters.best_score == ()
     # Nothing was ever best, so the last weights are handed on.
     assert kept(plan, progress) == 2
 
@@ -147,7 +147,7 @@ def test_fewer_than_ten_episodes_have_no_score(play):
 def test_a_score_weighs_success_accidents_and_reward(play):
     plan = plan_of("best-validation", decisions=2 * CHUNK * WORLDS)
     progress, reports = play(plan, [{}] * 2, [(8, 1, 7.0)])
-    assert progress.ledger.best_score == pytest.approx((0.7 + 7.0 / selection.REWARD_SCALE,))
+    assert progress.counters.best_score == pytest.approx((0.7 + 7.0 / selection.REWARD_SCALE,))
     assert reports[-1].chunk["validation_success_rate"] == pytest.approx(0.8)
 
 
@@ -156,7 +156,7 @@ def test_best_validation_keeps_the_median_of_the_best_five_in_a_row(play):
     plan = plan_of("best-validation", decisions=12 * CHUNK * WORLDS, interval=1)
     progress, reports = play(plan, [{}] * 12, [(each, 0, 0.0) for each in successes])
     medians = [np.median(successes[end - 5 : end]) for end in range(5, 13)]
-    assert progress.ledger.best_score == pytest.approx((max(medians) / 10,))
+    assert progress.counters.best_score == pytest.approx((max(medians) / 10,))
     # 6, 7, 8, 6, 7 in chunks 6 to 10: the first 7 of them is in the middle.
     assert kept(plan, progress) == 7
     assert successes[kept(plan, progress) - 1] == max(medians)
@@ -171,7 +171,7 @@ def test_one_lucky_validation_is_never_kept(play, lucky):
     plan = plan_of("best-validation", decisions=10 * CHUNK * WORLDS, interval=1)
     progress, _ = play(plan, [{}] * 10, validations)
     assert kept(plan, progress) != lucky + 1
-    assert progress.ledger.best_score == pytest.approx((3.0 / selection.REWARD_SCALE,))
+    assert progress.counters.best_score == pytest.approx((3.0 / selection.REWARD_SCALE,))
 
 
 def test_a_stage_of_few_validations_takes_the_median_of_those(play):
@@ -210,7 +210,7 @@ def test_kept_and_last_weights_are_compared_on_the_same_fresh_starts(play, monke
     progress, _ = play(plan, [{}] * 9, validations)
     asked = []
 
-    def test(course, parameters, seed, episodes):
+    def test(config, parameters, seed, episodes):
         asked.append((int(parameters["q"]), seed, episodes))
         return SimpleNamespace(
             escaped=np.ones(10, bool),
@@ -232,16 +232,16 @@ def test_last_keeps_the_last(play):
     plan = plan_of("last")
     progress, _ = play(plan, [{}] * 6, [(9, 0, 9.0), (0, 9, -9.0), (0, 9, -9.0)])
     assert kept(plan, progress) == 6
-    assert progress.ledger.best_score == ()
+    assert progress.counters.best_score == ()
 
 
 def test_a_stage_ends_at_its_episodes_or_its_decisions():
     by_episodes = plan_of("last", decisions=0, episodes=20)
-    assert not by_episodes.finished(Ledger(chunks=99, episodes=19))
-    assert by_episodes.finished(Ledger(chunks=1, episodes=20))
+    assert not by_episodes.finished(StageCounters(chunks=99, episodes=19))
+    assert by_episodes.finished(StageCounters(chunks=1, episodes=20))
     assert by_episodes.last_chunk is None
     by_decisions = plan_of("last", decisions=CHUNK * WORLDS + 1)
     assert by_decisions.last_chunk == 2
-    assert not by_decisions.finished(Ledger(chunks=1, episodes=999))
-    assert by_decisions.finished(Ledger(chunks=2))
-    assert by_episodes.fraction(Ledger(episodes=5)) == pytest.approx(0.25)
+    assert not by_decisions.finished(StageCounters(chunks=1, episodes=999))
+    assert by_decisions.finished(StageCounters(chunks=2))
+    assert by_episodes.fraction(StageCounters(episodes=5)) == pytest.approx(0.25)

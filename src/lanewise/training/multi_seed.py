@@ -8,7 +8,7 @@ import jax
 
 from lanewise.system import pinned
 from lanewise.training import stage
-from lanewise.training.rollout import Course
+from lanewise.training.rollout import StageConfig
 from lanewise.training.stage import ChunkMetrics, StageState
 
 AXES: Any = StageState(key=0, iteration=None, learners=0, replays=0, rollouts=0)  # type: ignore[arg-type]
@@ -16,13 +16,13 @@ AXES: Any = StageState(key=0, iteration=None, learners=0, replays=0, rollouts=0)
 so that updates are due for all or for none."""
 
 
-def begin(course: Course, keys: jax.Array) -> StageState:
+def begin(config: StageConfig, keys: jax.Array) -> StageState:
     """`stage.begin` for several random keys [S], of a stage above which nothing is frozen."""
-    begun: StageState = jax.vmap(partial(stage.begin, course, {}), out_axes=AXES)(keys)
+    begun: StageState = jax.vmap(partial(stage.begin, config, {}), out_axes=AXES)(keys)
     return begun
 
 
-def advance(course: Course) -> Callable[[StageState], tuple[StageState, ChunkMetrics]]:
+def advance(config: StageConfig) -> Callable[[StageState], tuple[StageState, ChunkMetrics]]:
     """`stage.advance` for several seeds, compiled when first called; it consumes the states."""
-    one = partial(stage.advance, course, {})
+    one = partial(stage.advance, config, {})
     return pinned.jit(donate_argnums=0)(jax.vmap(one, in_axes=(AXES,), out_axes=(AXES, 0)))

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from test_stage import COURSE
 
-from lanewise.training import seeds, stage
+from lanewise.training import multi_seed, stage
 
 
 @pytest.mark.slow
 def test_seeds_together_are_the_seeds_alone():
     keys = jax.random.split(jax.random.key(5), 3)
-    states, metrics = seeds.advance(COURSE)(seeds.begin(COURSE, keys))
+    states, metrics = multi_seed.advance(COURSE)(multi_seed.begin(COURSE, keys))
     rewards = []
     for number, key in enumerate(keys):
         alone, one = stage.advance(COURSE, {}, stage.begin(COURSE, {}, key))

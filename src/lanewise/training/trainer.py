@@ -18,7 +18,7 @@ from lanewise.evaluation import evaluator
 from lanewise.evaluation.episodes import ACCIDENTS, Episodes
 from lanewise.evaluation.evaluator import EvaluationConfig
 from lanewise.training import findings, selection, stage
-from lanewise.training.rollout import Course
+from lanewise.training.rollout import StageConfig
 from lanewise.training.stage import ChunkMetrics, StageState
 
 VALIDATION_SEED = 0
@@ -28,7 +28,7 @@ FRESH_SEED = 1
 
 
 @dataclass(frozen=True)
-class Ledger:
+class StageCounters:
     """The host's books of a stage: plain numbers, stored with each checkpoint."""
 
     chunks: int = 0
@@ -60,7 +60,7 @@ class StageProgress:
     """The best parameters so far of the levels that learn."""
     window: Parameters
     """Those of the last validations (`selection.put`); empty where the rule looks at none."""
-    ledger: Ledger = field(default_factory=Ledger)
+    counters: StageCounters = field(default_factory=StageCounters)
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class StagePlan:
     """A stage ready to run."""
 
     name: str
-    course: Course
+    config: StageConfig
     validation: EvaluationConfig
     validation_episodes: int
     validation_interval: int
@@ -91,33 +91,33 @@ class StagePlan:
     @property
     def last_chunk(self) -> int | None:
         """Chunks of the whole stage, where its decisions are limited."""
-        per_chunk = stage.CHUNK * self.course.budget.worlds
-        decisions = self.course.budget.decisions
+        per_chunk = stage.CHUNK * self.config.budget.worlds
+        decisions = self.config.budget.decisions
         return -(-decisions // per_chunk) if decisions else None
 
-    def finished(self, ledger: Ledger) -> bool:
+    def finished(self, counters: StageCounters) -> bool:
         """Whether the stage's budget is spent; looked at between chunks."""
-        limit = self.course.budget.episodes
-        by_episodes = bool(limit) and ledger.episodes >= limit
+        limit = self.config.budget.episodes
+        by_episodes = bool(limit) and counters.episodes >= limit
         last = self.last_chunk
-        return by_episodes or (last is not None and ledger.chunks >= last)
+        return by_episodes or (last is not None and counters.chunks >= last)
 
-    def fraction(self, ledger: Ledger) -> float:
+    def fraction(self, counters: StageCounters) -> float:
         """Share of the budget spent, 0 to 1."""
-        settings = self.course.budget
-        shares = [1.0 if self.finished(ledger) else 0.0]
+        settings = self.config.budget
+        shares = [1.0 if self.finished(counters) else 0.0]
         if settings.episodes:
-            shares.append(ledger.episodes / settings.episodes)
+            shares.append(counters.episodes / settings.episodes)
         if settings.decisions:
-            shares.append(ledger.decisions / settings.decisions)
+            shares.append(counters.decisions / settings.decisions)
         return min(1.0, max(shares))
 
 
 def begin(plan: StagePlan, frozen: Parameters, key: jax.Array) -> StageProgress:
     """The stage before its first chunk."""
-    state = stage.begin(plan.course, frozen, key)
+    state = stage.begin(plan.config, frozen, key)
     weights = jax.device_get(stage.online(state.learners))
-    return StageProgress(state, weights, selection.no_window(plan.course.budget.keep, weights))
+    return StageProgress(state, weights, selection.no_window(plan.config.budget.keep, weights))
 
 
 def advance(
@@ -128,10 +128,10 @@ def advance(
     Raises:
         NumbersError: a number is not finite; nothing of the chunk may be kept.
     """
-    return book(plan, frozen, progress, *stage.advance(plan.course, frozen, progress.state))
+    return finish_chunk(plan, frozen, progress, *stage.advance(plan.config, frozen, progress.state))
 
 
-def book(
+def finish_chunk(
     plan: StagePlan,
     frozen: Parameters,
     progress: StageProgress,
@@ -151,14 +151,14 @@ def book(
         NumbersError: a number is not finite; nothing of the chunk may be kept.
     """
     metrics = jax.device_get(metrics)
-    _check_numbers(plan, progress.ledger, metrics)
-    lines = _episode_lines(plan, progress.ledger, metrics.episodes)
-    ledger = _booked(plan, progress.ledger, lines)
+    _check_numbers(plan, progress.counters, metrics)
+    lines = _episode_lines(plan, progress.counters, metrics.episodes)
+    counters = _counted(plan, progress.counters, lines)
     began = time.perf_counter()
-    validation = _validate(plan, frozen, state, ledger)
+    validation = _validate(plan, frozen, state, counters)
     seconds = time.perf_counter() - began if validation is not None else 0.0
-    after = _select(plan, replace(progress, state=state, ledger=ledger), validation)
-    line = _chunk_line(plan, after.ledger, metrics, lines, validation)
+    after = _select(plan, replace(progress, state=state, counters=counters), validation)
+    line = _chunk_line(plan, after.counters, metrics, lines, validation)
     return after, Report(line, lines, seconds)
 
 
@@ -169,9 +169,9 @@ def result(plan: StagePlan, progress: StageProgress) -> Parameters:
 
 def _kept(plan: StagePlan, progress: StageProgress) -> tuple[Parameters, int]:
     """(parameters the stage hands on, the chunk they are of)."""
-    if plan.course.budget.keep == "last" or not progress.ledger.best_score:
-        return _last(progress), progress.ledger.chunks
-    return progress.best, progress.ledger.best_chunk
+    if plan.config.budget.keep == "last" or not progress.counters.best_score:
+        return _last(progress), progress.counters.chunks
+    return progress.best, progress.counters.best_chunk
 
 
 def _last(progress: StageProgress) -> Parameters:
@@ -187,13 +187,13 @@ def compare(plan: StagePlan, frozen: Parameters, progress: StageProgress) -> dic
     """
     weights, chunk = _kept(plan, progress)
     last = _fresh(plan, frozen | _last(progress))
-    kept = last if chunk == progress.ledger.chunks else _fresh(plan, frozen | weights)
+    kept = last if chunk == progress.counters.chunks else _fresh(plan, frozen | weights)
     return {
         "kind": "weights",
         "stage": plan.name,
-        "rule": plan.course.budget.keep,
+        "rule": plan.config.budget.keep,
         "kept_chunk": chunk,
-        "last_chunk": progress.ledger.chunks,
+        "last_chunk": progress.counters.chunks,
         "fresh_episodes": plan.fresh_episodes,
         **{f"last_{name}": value for name, value in last.items()},
         **{f"kept_{name}": value for name, value in kept.items()},
@@ -216,33 +216,35 @@ def _figures(found: Episodes) -> dict[str, float]:
     }
 
 
-def _check_numbers(plan: StagePlan, ledger: Ledger, metrics: ChunkMetrics) -> None:
+def _check_numbers(plan: StagePlan, counters: StageCounters, metrics: ChunkMetrics) -> None:
     """Before anything of a chunk is kept, shown or validated."""
     found = findings.of(metrics.finite)
     if found:
-        said = found[0].said(ledger.decisions, plan.course.budget.worlds)
+        said = found[0].said(counters.decisions, plan.config.budget.worlds)
         raise NumbersError(
-            f"{plan.name}, chunk {ledger.chunks + 1}: {said}", tuple(map(asdict, found))
+            f"{plan.name}, chunk {counters.chunks + 1}: {said}", tuple(map(asdict, found))
         )
 
 
-def _booked(plan: StagePlan, ledger: Ledger, lines: list[dict[str, Any]]) -> Ledger:
-    """The ledger after a chunk with these episodes."""
-    rewards = ledger.recent + tuple(line["reward"] for line in lines)
+def _counted(
+    plan: StagePlan, counters: StageCounters, lines: list[dict[str, Any]]
+) -> StageCounters:
+    """The counters after a chunk with these episodes."""
+    rewards = counters.recent + tuple(line["reward"] for line in lines)
     return replace(
-        ledger,
-        chunks=ledger.chunks + 1,
-        decisions=ledger.decisions + stage.CHUNK * plan.course.budget.worlds,
-        episodes=ledger.episodes + len(lines),
+        counters,
+        chunks=counters.chunks + 1,
+        decisions=counters.decisions + stage.CHUNK * plan.config.budget.worlds,
+        episodes=counters.episodes + len(lines),
         recent=rewards[-selection.RECENT :],
     )
 
 
 def _validate(
-    plan: StagePlan, frozen: Parameters, state: StageState, ledger: Ledger
+    plan: StagePlan, frozen: Parameters, state: StageState, counters: StageCounters
 ) -> Episodes | None:
     """Greedy episodes on validation starts, when they are due."""
-    due = ledger.chunks % plan.validation_interval == 0 or plan.finished(ledger)
+    due = counters.chunks % plan.validation_interval == 0 or plan.finished(counters)
     if not due:
         return None
     parameters = frozen | stage.online(state.learners)
@@ -252,53 +254,55 @@ def _validate(
         )
     except NumbersError as error:
         raise NumbersError(
-            f"{plan.name}, validation after chunk {ledger.chunks}: {error}",
+            f"{plan.name}, validation after chunk {counters.chunks}: {error}",
             (asdict(findings.Finding("validation")),),
         ) from None
 
 
 def _select(plan: StagePlan, progress: StageProgress, validation: Episodes | None) -> StageProgress:
     """The progress with the weights that the stage's rule keeps now."""
-    keep, ledger = plan.course.budget.keep, progress.ledger
+    keep, counters = plan.config.budget.keep, progress.counters
     weights = stage.online(progress.state.learners)
-    if keep == "best-training" and len(ledger.recent) == selection.RECENT:
-        return _prefer(progress, float(np.mean(ledger.recent)), ledger.chunks, weights)
+    if keep == "best-training" and len(counters.recent) == selection.RECENT:
+        return _prefer(progress, float(np.mean(counters.recent)), counters.chunks, weights)
     if keep != "best-validation" or validation is None:
         return progress
     progress = _validated(progress, selection.score(validation), weights)
-    ledger = progress.ledger
-    if len(ledger.window) < selection.WINDOW and not plan.finished(ledger):
+    counters = progress.counters
+    if len(counters.window) < selection.WINDOW and not plan.finished(counters):
         return progress
-    place = selection.median_place(ledger.window)
-    number = ledger.validations - len(ledger.window) + place
+    place = selection.median_place(counters.window)
+    number = counters.validations - len(counters.window) + place
     weights = selection.taken(progress.window, number)
-    return _prefer(progress, ledger.window[place], ledger.window_chunks[place], weights)
+    return _prefer(progress, counters.window[place], counters.window_chunks[place], weights)
 
 
 def _validated(progress: StageProgress, score: float, weights: Parameters) -> StageProgress:
     """The progress with one more validation in its window."""
-    ledger = progress.ledger
-    window = selection.put(progress.window, ledger.validations, jax.device_get(weights))
-    ledger = replace(
-        ledger,
-        validations=ledger.validations + 1,
-        window=(*ledger.window, score)[-selection.WINDOW :],
-        window_chunks=(*ledger.window_chunks, ledger.chunks)[-selection.WINDOW :],
+    counters = progress.counters
+    window = selection.put(progress.window, counters.validations, jax.device_get(weights))
+    counters = replace(
+        counters,
+        validations=counters.validations + 1,
+        window=(*counters.window, score)[-selection.WINDOW :],
+        window_chunks=(*counters.window_chunks, counters.chunks)[-selection.WINDOW :],
     )
-    return replace(progress, window=window, ledger=ledger)
+    return replace(progress, window=window, counters=counters)
 
 
 def _prefer(
     progress: StageProgress, score: float, chunk: int, weights: Parameters
 ) -> StageProgress:
     """The progress with these weights as the best ones, if their score is the highest so far."""
-    if progress.ledger.best_score and score <= progress.ledger.best_score[0]:
+    if progress.counters.best_score and score <= progress.counters.best_score[0]:
         return progress
-    ledger = replace(progress.ledger, best_score=(score,), best_chunk=chunk)
-    return replace(progress, best=jax.device_get(weights), ledger=ledger)
+    counters = replace(progress.counters, best_score=(score,), best_chunk=chunk)
+    return replace(progress, best=jax.device_get(weights), counters=counters)
 
 
-def _episode_lines(plan: StagePlan, ledger: Ledger, stats: EpisodeStats) -> list[dict[str, Any]]:
+def _episode_lines(
+    plan: StagePlan, counters: StageCounters, stats: EpisodeStats
+) -> list[dict[str, Any]]:
     """A line for each completed episode; ``stats`` has axes [iteration, world]."""
     lines: list[dict[str, Any]] = []
     for iteration, world in np.argwhere(stats.outcome.over):
@@ -307,9 +311,9 @@ def _episode_lines(plan: StagePlan, ledger: Ledger, stats: EpisodeStats) -> list
             {
                 "kind": "episode",
                 "stage": plan.name,
-                "episode": ledger.episodes + len(lines) + 1,
-                "decision": ledger.decisions
-                + int(iteration) * plan.course.budget.worlds
+                "episode": counters.episodes + len(lines) + 1,
+                "decision": counters.decisions
+                + int(iteration) * plan.config.budget.worlds
                 + int(world)
                 + 1,
                 "escaped": bool(stats.escaped[at]),
@@ -331,7 +335,7 @@ def _level_figures(plan: StagePlan, metrics: ChunkMetrics) -> dict[str, Any]:
         return float(value) if np.isfinite(value) else None
 
     figures: dict[str, Any] = {}
-    names = [name for name, _ in plan.course.learning]
+    names = [name for name, _ in plan.config.learning]
     for name in names:
         level = metrics.levels[name]
         prefix = "" if name == names[-1] else f"{name}_"
@@ -347,7 +351,7 @@ def _level_figures(plan: StagePlan, metrics: ChunkMetrics) -> dict[str, Any]:
 
 def _chunk_line(
     plan: StagePlan,
-    ledger: Ledger,
+    counters: StageCounters,
     metrics: ChunkMetrics,
     lines: list[dict[str, Any]],
     validation: Episodes | None,
@@ -360,9 +364,9 @@ def _chunk_line(
     line: dict[str, Any] = {
         "kind": "chunk",
         "stage": plan.name,
-        "chunk": ledger.chunks,
-        "decisions": ledger.decisions,
-        "episodes": ledger.episodes,
+        "chunk": counters.chunks,
+        "decisions": counters.decisions,
+        "episodes": counters.episodes,
         **_level_figures(plan, metrics),
         "escape_rate": mean([line["escaped"] for line in lines]),
         "success_rate": mean([line["success"] for line in lines]),
@@ -373,5 +377,5 @@ def _chunk_line(
     }
     if validation is not None:
         line |= {f"validation_{name}": value for name, value in _figures(validation).items()}
-        line |= {"best_chunk": ledger.best_chunk}
+        line |= {"best_chunk": counters.best_chunk}
     return line

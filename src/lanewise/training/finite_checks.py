@@ -19,7 +19,7 @@ from lanewise.training.rollout import Rollout
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Between:
+class IterationFinite:
     """What is looked at between two iterations: true where it is finite."""
 
     observation: Array
@@ -32,7 +32,7 @@ class Between:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Finite:
+class ChunkFinite:
     """What was finite in a chunk of n iterations.
 
     Row i stands for what iteration i left behind, row 0 for what the chunk began with.
@@ -53,14 +53,14 @@ class Finite:
     chunk's end."""
 
 
-def between(rollouts: Rollout, losses: dict[str, Array]) -> Between:
+def between(rollouts: Rollout, losses: dict[str, Array]) -> IterationFinite:
     """A look at what an iteration is handed.
 
     Args:
         rollouts: [worlds].
         losses: by level that learns, [] sum over the chunk's updates so far.
     """
-    return Between(
+    return IterationFinite(
         observation=jnp.isfinite(rollouts.percept.features).all(axis=-1),
         reward=jnp.isfinite(rollouts.episode.stats.reward),
         loss={name: jnp.isfinite(loss) for name, loss in losses.items()},
@@ -68,13 +68,13 @@ def between(rollouts: Rollout, losses: dict[str, Array]) -> Between:
 
 
 def of_chunk(
-    looks: Between,
+    looks: IterationFinite,
     episodes: EpisodeStats,
     rollouts: Rollout,
     losses: dict[str, Array],
     learners: dict[str, Learner],
     replays: dict[str, Replay],
-) -> Finite:
+) -> ChunkFinite:
     """All that is known of a chunk.
 
     Args:
@@ -85,7 +85,7 @@ def of_chunk(
         learners: by level that learns.
         replays: by level that learns.
     """
-    whole: Between = jax.tree.map(
+    whole: IterationFinite = jax.tree.map(
         lambda before, last: jnp.concatenate([before, last[None]]),
         looks,
         between(rollouts, losses),
@@ -94,7 +94,7 @@ def of_chunk(
     ended = ~episodes.outcome.over | jnp.isfinite(episodes.reward)
     first = jnp.ones_like(ended[:1])
     count, worlds = episodes.reward.shape
-    return Finite(
+    return ChunkFinite(
         observation=whole.observation,
         reward=whole.reward & jnp.concatenate([first, ended]),
         vehicles=jax.vmap(_all)(rollouts.episode.world.vehicles),

@@ -15,7 +15,7 @@ from jax import Array, lax
 Tree = TypeVar("Tree")
 
 
-def once(present: Array, compute: Callable[[], Tree]) -> Tree:
+def materialize(present: Array, compute: Callable[[], Tree]) -> Tree:
     """What ``compute`` returns, computed once, however often it is used.
 
     Args:
@@ -53,7 +53,7 @@ def rounded(present: Array, compute: Callable[[], Array]) -> Array:
         Its result.
     """
     exact = jax.eval_shape(compute).dtype == jnp.float64
-    return once(present, compute) if exact else compute()
+    return materialize(present, compute) if exact else compute()
 
 
 def on_cpu() -> bool:
