@@ -69,7 +69,7 @@ def test_the_best_go_on_and_nothing_is_trained_twice(tmp_path, monkeypatch):
             (run.path / "controller.json").write_text("{}")
 
     monkeypatch.setattr(race.schedule, "run", train)
-    monkeypatch.setattr(race.trained, "fingerprint", lambda folder: "")
+    monkeypatch.setattr(race.run_state, "weights_digest", lambda folder: "")
     monkeypatch.setattr(sys, "argv", ["race.py", "--out", str(tmp_path), "--controllers", "h-dqn"])
     race.main()
     assert len(trained) == len(set(trained)) == 37

@@ -42,7 +42,7 @@ def driven(monkeypatch):
     def drive(*_, **__):
         pytest.fail("an episode was driven")
 
-    monkeypatch.setattr(api.testing, "test", drive)
+    monkeypatch.setattr(api.evaluate_trained, "evaluate", drive)
     monkeypatch.setattr(api.stepwise, "evaluate", drive)
 
 
@@ -198,7 +198,7 @@ def test_the_published_figures_stand_beside_the_papers_test_alone(
 
 
 def test_a_controller_of_ours_brings_the_settings_that_decide_this(monkeypatch, found):
-    monkeypatch.setattr(api.testing, "test", lambda *_: found.episodes)
+    monkeypatch.setattr(api.evaluate_trained, "evaluate", lambda *_: found.episodes)
     ours = trained.load(Path("pretrained/single-level"))
     assert lanewise.evaluate(ours, quiet=True).summary.unlike_paper == ""
     longer = dataclasses.replace(ours.settings.evaluation, duration=40)

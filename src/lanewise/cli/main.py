@@ -26,7 +26,7 @@ COMMANDS = {
     "export": "Write a controller as an ONNX model or for NumPy alone.",
     "sweep": "Test a trained controller over a grid of starts and draw a map of the results.",
     "reproduce": "Run an experiment of the paper: train its arms, test them, report.",
-    "bench": "Measure speed on this machine.",
+    "bench": "Measure the speed of Lanewise on this machine.",
     "doctor": "Show what is installed, what is missing for which feature, and what to do.",
 }
 """The commands. Each is a dataclass and a function ``run`` in its own module of this room, which is
