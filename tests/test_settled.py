@@ -1,9 +1,11 @@
 """Facts about the package that break easily and are noticed late."""
 
+import ast
 import re
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from importlib.metadata import version
 from pathlib import Path
 
@@ -35,6 +37,25 @@ def test_imports_without_jax():
     assert len(modules) > 25
     assert imported(["lanewise", "lanewise.cli", *modules]) == ""
     assert imported(["lanewise", "lanewise.world.tick"]) == "lanewise.world.tick"
+
+
+def test_no_name_stands_twice():
+    """Two modules, or two classes, of one name would be taken for each other."""
+    modules = Counter(
+        path.name
+        for place in ("src/lanewise", "tests")
+        for path in (ROOT / place).rglob("*.py")
+        if path.name not in ("__init__.py", "settings.py", "conftest.py")
+    )
+    classes = Counter(
+        node.name
+        for path in (ROOT / "src" / "lanewise").rglob("*.py")
+        # It stands alone, outside the package, and calls what it has as its users do.
+        if path.name != "numpy_policy.py"
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ClassDef)
+    )
+    assert [name for name, count in (modules + classes).items() if count > 1] == []
 
 
 def test_version_is_one():

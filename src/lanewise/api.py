@@ -15,7 +15,7 @@ from lanewise.controllers.registry import TRAINABLE, WITH_STEP_1
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.parts import OURS, Parts, checked
 from lanewise.envs import functional, keywords
-from lanewise.envs.control import Continuous, Goals
+from lanewise.envs.control import ContinuousControl, GoalControl
 from lanewise.errors import LanewiseError, RunError, brief
 from lanewise.evaluation import external_policy, metrics, stepwise
 from lanewise.evaluation.episodes import Episodes, Recording
@@ -342,7 +342,7 @@ def _course(actions: str, settings: dict[str, Any]) -> tuple[EvaluationConfig, i
     task = functional.make(actions, **given)
     rules = task.rules
     controller: Any = SingleLevel()
-    if isinstance(task.control, Goals):
+    if isinstance(task.control, GoalControl):
         controller = Planned(
             rules.driving, task.control.goals, task.control.planner, renewal="critic"
         )
@@ -350,4 +350,4 @@ def _course(actions: str, settings: dict[str, Any]) -> tuple[EvaluationConfig, i
     config = EvaluationConfig(
         task.scenario, rules.driving, controller, rules.duration, task.split, parts=rules.parts
     )
-    return config, 0 if isinstance(task.control, Continuous) else level.choice_count
+    return config, 0 if isinstance(task.control, ContinuousControl) else level.choice_count

@@ -12,7 +12,7 @@ from fabricate import make_recording
 from PIL import Image, ImageColor
 
 from lanewise.errors import LanewiseError
-from lanewise.report import clip, frame, road
+from lanewise.report import clip, frame, road_shapes
 
 SMALL = (480, 120)
 
@@ -27,23 +27,23 @@ def painted(image: Image.Image, colour: str) -> np.ndarray:
 def test_the_ego_is_to_scale_at_its_place_and_the_colours_tell_the_roles(recording):
     image = frame.frame(recording, 0.0)
     camera = frame.Camera(recording, 0.0, frame.SIZE)
-    ego = painted(image, road.BODIES[0])
+    ego = painted(image, road_shapes.BODIES[0])
     height, width = np.ptp(ego, axis=0) + 1
     assert width == pytest.approx(5.0 * camera.scale, abs=1.5)
     assert height == pytest.approx(2.0 * camera.scale, abs=1.5)
     row, column = ego.mean(axis=0)
     assert column == pytest.approx(frame.EGO_PLACE * image.width, abs=3.0)
     assert row == pytest.approx(camera.pixel((0.0, float(recording.y[0, 0])))[1], abs=1.5)
-    assert all(len(painted(image, colour)) > 100 for colour in road.BODIES)
+    assert all(len(painted(image, colour)) > 100 for colour in road_shapes.BODIES)
 
 
 def test_only_what_is_there_is_drawn(recording):
     """Vehicles that are present, and a goal's lane only where there is a goal."""
     alone = frame.frame(dataclasses.replace(recording, present=np.arange(8) == 0), 0.0)
-    assert not len(painted(alone, road.BODIES[1]))
-    assert not len(painted(alone, road.BODIES[2]))
-    assert len(painted(alone, road.GOAL_LANE)) > 1000
-    assert not len(painted(frame.frame(make_recording(goals=False), 0.0), road.GOAL_LANE))
+    assert not len(painted(alone, road_shapes.BODIES[1]))
+    assert not len(painted(alone, road_shapes.BODIES[2]))
+    assert len(painted(alone, road_shapes.GOAL_LANE)) > 1000
+    assert not len(painted(frame.frame(make_recording(goals=False), 0.0), road_shapes.GOAL_LANE))
 
 
 def test_endings_have_a_badge_and_crashed_vehicles_a_cross():
@@ -57,20 +57,20 @@ def test_endings_have_a_badge_and_crashed_vehicles_a_cross():
     assert not badge(escaped, 0.0, frame.GREEN)
     assert badge(crashed, 5.0, frame.ALARM)
     assert not badge(crashed, 4.4, frame.ALARM)
-    before, after = (len(painted(frame.frame(crashed, t), road.CRASH)) for t in (4.4, 5.0))
+    before, after = (len(painted(frame.frame(crashed, t), road_shapes.CRASH)) for t in (4.4, 5.0))
     assert before == 0
     assert after > 20
 
 
 def test_moments_between_decisions_are_interpolated(recording):
-    now = road.moment(recording, 0.25)
+    now = road_shapes.moment(recording, 0.25)
     np.testing.assert_allclose(now.x, (recording.x[0] + recording.x[1]) / 2)
     assert now.index == 0
-    assert road.moment(recording, 99.0).index == len(recording.time) - 1
-    assert road.moment(recording, -1.0).time == 0.0
+    assert road_shapes.moment(recording, 99.0).index == len(recording.time) - 1
+    assert road_shapes.moment(recording, -1.0).time == 0.0
     # Times that are not exact in floats.
     thirds = dataclasses.replace(recording, time=np.cumsum(np.full(51, 0.1)) - 0.1)
-    assert [road.moment(thirds, n / 10).index for n in range(51)] == list(range(51))
+    assert [road_shapes.moment(thirds, n / 10).index for n in range(51)] == list(range(51))
 
 
 def test_a_gif_runs_in_real_time_and_keeps_the_colours(tmp_path):
@@ -80,7 +80,7 @@ def test_a_gif_runs_in_real_time_and_keeps_the_colours(tmp_path):
         for number in range(gif.n_frames):
             gif.seek(number)
             durations.append(gif.info["duration"])
-    assert all(len(painted(image, colour)) > 100 for colour in road.BODIES)
+    assert all(len(painted(image, colour)) > 100 for colour in road_shapes.BODIES)
     assert sum(durations) == pytest.approx(1000 * (2.1 + clip.LINGER))
     assert durations[:20] == [100] * 20
     assert [p.name for p in tmp_path.iterdir()] == ["c.gif"]

@@ -10,7 +10,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 
 from lanewise.errors import LanewiseError
-from lanewise.report import road
+from lanewise.report import road_shapes
 from lanewise.report.film_strip import draw
 
 PAIR = {"single-level": make_recording(goals=False), "hierarchical": make_recording()}
@@ -47,13 +47,13 @@ def test_vehicles_stand_where_the_recording_says():
     recording = PAIR["hierarchical"]
     for t, axes in zip((2.0, 5.0), draw({"a": recording}, times=(2.0, 5.0)).axes, strict=True):
         index = round(2 * t)
-        (ego,) = shapes(axes, road.BODIES[0])
+        (ego,) = shapes(axes, road_shapes.BODIES[0])
         place = (recording.x[index, 0], recording.y[index, 0])
         np.testing.assert_allclose(ego.mean(axis=0), place)
         along = ego[1] - ego[0]
         assert np.hypot(*along) == pytest.approx(5.0)
         assert np.arctan2(along[1], along[0]) == pytest.approx(recording.heading[index, 0])
-        centres = sorted(corners.mean(axis=0)[0] for corners in shapes(axes, road.BODIES[1]))
+        centres = sorted(corners.mean(axis=0)[0] for corners in shapes(axes, road_shapes.BODIES[1]))
         np.testing.assert_allclose(centres, sorted(recording.x[index, 1:3]))
         assert {"E", "1", "2"} <= {text.get_text() for text in axes.texts}
 
@@ -63,10 +63,10 @@ def test_only_what_is_there_is_drawn():
     alone = dataclasses.replace(PAIR["hierarchical"], present=np.arange(8) == 0)
     figure = draw({"a": alone, "b": PAIR["single-level"]}, times=(1.0,))
     with_goals, flat = figure.axes
-    assert not shapes(with_goals, road.BODIES[1])
-    (lane,) = shapes(with_goals, road.GOAL_LANE)
+    assert not shapes(with_goals, road_shapes.BODIES[1])
+    (lane,) = shapes(with_goals, road_shapes.GOAL_LANE)
     assert (lane[:, 1].min(), lane[:, 1].max()) == (-2.0, 2.0)
-    assert not shapes(flat, road.GOAL_LANE)
+    assert not shapes(flat, road_shapes.GOAL_LANE)
     names = [text.get_text() for text in draw({"a": alone}).legends[0].get_texts()]
     assert names == ["ego (E)", "lane of the goal"]
 
@@ -83,8 +83,8 @@ def test_the_caption_says_what_has_become_of_the_ego():
     assert captions(before)[1:] == []
     assert captions(after)[1] == "collision at 3.5 s"
     assert captions(after)[0].startswith("$r_t$ = -   ")
-    assert len(shapes(after, road.CRASH)) == 12  # the ego and a trap car, six strokes each
-    assert not shapes(before, road.CRASH)
+    assert len(shapes(after, road_shapes.CRASH)) == 12  # the ego and a trap car, six strokes each
+    assert not shapes(before, road_shapes.CRASH)
     short = draw({"a": make_recording(seconds=5.0)}, times=(9.0,)).axes[0]
     assert captions(short)[1] == "ended at 5.0 s"
     alone = dataclasses.replace(recording, role=np.where(recording.role == 1, 2, recording.role))

@@ -41,7 +41,7 @@ class Control(Protocol):
 
 
 @dataclass(frozen=True)
-class LowLevel:
+class LowLevelControl:
     """One of the nine low-level actions; int32 []."""
 
     def begin(self, rules: Rules, state: Episode) -> tuple[()]:
@@ -57,7 +57,7 @@ class LowLevel:
 
 
 @dataclass(frozen=True)
-class Continuous:
+class ContinuousControl:
     """Acceleration and steering as shares of the sizes of the low-level actions; [2], -1 to 1."""
 
     def begin(self, rules: Rules, state: Episode) -> tuple[()]:
@@ -76,7 +76,7 @@ class Continuous:
 
 
 @dataclass(frozen=True)
-class Goals:
+class GoalControl:
     """A high-level action: the goal it sets, then the planner until the goal critic ends it."""
 
     goals: GoalSettings

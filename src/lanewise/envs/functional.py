@@ -19,7 +19,7 @@ from lanewise.driving.actions import are_numbers
 from lanewise.driving.episode import Episode
 from lanewise.driving.parts import OURS, Parts, checked
 from lanewise.envs import keywords
-from lanewise.envs.control import Continuous, Control, Goals, LowLevel, Rules
+from lanewise.envs.control import ContinuousControl, Control, GoalControl, LowLevelControl, Rules
 from lanewise.errors import ActionError, SettingsError
 from lanewise.fields.suggestions import look_up
 from lanewise.scenario.settings import TrapSettings
@@ -118,9 +118,9 @@ def make(
         raise SettingsError(f"duration must be at least {shortest:g} s, got {duration}")
     check_duration("duration", float(duration), composed.scenario)
     controls: dict[str, Control] = {
-        "low-level": LowLevel(),
-        "goal": Goals(composed.goals, composed.planner),
-        "continuous": Continuous(),
+        "low-level": LowLevelControl(),
+        "goal": GoalControl(composed.goals, composed.planner),
+        "continuous": ContinuousControl(),
     }
     return Trap(
         scenario=composed.scenario,
@@ -169,7 +169,7 @@ def step(task: Trap, state: State, action: Array) -> tuple[State, Step]:
 
 def _check_kind(control: Control, action: Array) -> None:
     """Refuses an action of another type or shape; traced, it has no value yet."""
-    continuous = isinstance(control, Continuous)
+    continuous = isinstance(control, ContinuousControl)
     shape = (2,) if continuous else ()
     wanted = "two numbers, acceleration and steering" if continuous else "one whole number"
     if action.shape != shape or not are_numbers(action.dtype, count=not continuous):

@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 from lanewise.controllers import goals
 from lanewise.driving import actions, observation
 from lanewise.driving.parts import OURS
-from lanewise.envs.control import Goals, LowLevel
+from lanewise.envs.control import GoalControl, LowLevelControl
 from lanewise.envs.functional import Trap
 from lanewise.system import pinned
 
 
 def of_actions(task: Trap) -> Discrete | Box:
     """What `functional.step` takes."""
-    if isinstance(task.control, LowLevel):
+    if isinstance(task.control, LowLevelControl):
         return Discrete(actions.COUNT)
-    if isinstance(task.control, Goals):
+    if isinstance(task.control, GoalControl):
         return Discrete(goals.action_count(task.control.goals))
     return Box(-1.0, 1.0, (2,), np.float32)
 

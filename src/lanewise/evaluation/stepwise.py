@@ -26,7 +26,7 @@ from lanewise.world.state import World
 Booleans = NDArray[np.bool_]
 
 
-class Policy(Protocol):
+class StepPolicy(Protocol):
     """Who chooses, for a batch of B drives."""
 
     def __call__(
@@ -87,7 +87,7 @@ class Greedy:
     def __call__(
         self, config: EvaluationConfig, drive: Drive, wanted: Booleans, first: bool
     ) -> tuple[Array, Memory]:
-        """As of `Policy`."""
+        """As of `StepPolicy`."""
         found: tuple[Array, Memory] = _act(config, self.parameters, drive)
         return found
 
@@ -101,7 +101,7 @@ class External:
     def __call__(
         self, config: EvaluationConfig, drive: Drive, wanted: Booleans, first: bool
     ) -> tuple[Array, Memory]:
-        """As of `Policy`; a continuous action is one already."""
+        """As of `StepPolicy`; a continuous action is one already."""
         choices = jnp.asarray(self.decide(np.asarray(drive.percept.features), wanted, first))
         if jnp.issubdtype(choices.dtype, jnp.floating):
             return choices, drive.memory
@@ -111,7 +111,7 @@ class External:
 
 def evaluate(
     config: EvaluationConfig,
-    policy: Policy,
+    policy: StepPolicy,
     simulator: Simulator,
     seed: int,
     count: int,
@@ -143,7 +143,7 @@ def evaluate(
 
 
 def record(
-    config: EvaluationConfig, policy: Policy, simulator: Simulator, seed: int, index: int
+    config: EvaluationConfig, policy: StepPolicy, simulator: Simulator, seed: int, index: int
 ) -> Recording:
     """Drive episode ``index`` of ``seed`` and keep every frame.
 
@@ -160,7 +160,7 @@ def record(
 
 def _drive(
     config: EvaluationConfig,
-    policy: Policy,
+    policy: StepPolicy,
     simulator: Simulator,
     seed: int,
     first: int,

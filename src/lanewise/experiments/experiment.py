@@ -42,7 +42,7 @@ _COUNTS = {"seeds": (1, 1000), "episodes": (1, 10_000_000), "highway_env_episode
 
 
 @dataclass(frozen=True)
-class Arm:
+class ExperimentArm:
     """One controller under one set of settings."""
 
     name: str
@@ -78,9 +78,9 @@ class Experiment:
     seeds: int
     episodes: int
     highway_env_episodes: int
-    arms: tuple[Arm, ...]
+    arms: tuple[ExperimentArm, ...]
 
-    def settings(self, arm: Arm, trap: str, overrides: Mapping[str, object]) -> Settings:
+    def settings(self, arm: ExperimentArm, trap: str, overrides: Mapping[str, object]) -> Settings:
         """Every setting of an arm: preset < trap < the arm's own < ``overrides``.
 
         Raises:
@@ -92,7 +92,7 @@ class Experiment:
         except SettingsError as error:
             raise SettingsError(f"arm {arm.name}: {error}") from error
 
-    def count(self, arm: Arm, what: str) -> int:
+    def count(self, arm: ExperimentArm, what: str) -> int:
         """``seeds``, ``episodes`` or ``highway_env_episodes`` of an arm: its own or the common."""
         own: int | None = getattr(arm, what)
         common: int = getattr(self, what)
@@ -167,7 +167,7 @@ def parse(name: str, text: str) -> Experiment:
     return found
 
 
-def _arm(name: str, table: Mapping[str, Any]) -> Arm:
+def _arm(name: str, table: Mapping[str, Any]) -> ExperimentArm:
     # It becomes a folder's name.
     if not name.replace("-", "").isalnum() or not name.isascii() or len(name) > 80:
         raise SettingsError(
@@ -179,10 +179,10 @@ def _arm(name: str, table: Mapping[str, Any]) -> Arm:
     changes = _table(table, "settings") if "settings" in table else {}
     title = _text(table, "title", name)
     counts = {key: _count(table, key) for key in _COUNTS if key in table}
-    return Arm(name, title, controller, changes, _text(table, "high_level", ""), **counts)
+    return ExperimentArm(name, title, controller, changes, _text(table, "high_level", ""), **counts)
 
 
-def _check_high_level(experiment: Experiment, arm: Arm) -> None:
+def _check_high_level(experiment: Experiment, arm: ExperimentArm) -> None:
     """Refuses, before anything is trained, what could not be taken over afterwards."""
     lender = next((other for other in experiment.arms if other.name == arm.high_level), None)
     if lender is None:

@@ -8,7 +8,7 @@ from typing import Any
 from lanewise.controllers.registry import STEP_1
 from lanewise.evaluation.episodes import Recording
 from lanewise.experiments import evaluate_trained
-from lanewise.experiments.experiment import Arm, Experiment
+from lanewise.experiments.experiment import Experiment, ExperimentArm
 from lanewise.experiments.jobs import Job
 from lanewise.experiments.stored_tests import StoredTest
 from lanewise.runs import metrics_file, run_state, selected_weights, trained
@@ -97,7 +97,7 @@ class SeedResult:
 class ArmResult:
     """An arm with all its finished seeds."""
 
-    arm: Arm
+    arm: ExperimentArm
     seeds: tuple[SeedResult, ...]
 
     def tests(self, world: str) -> list[StoredTest]:

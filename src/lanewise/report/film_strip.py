@@ -8,8 +8,8 @@ from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import ACCIDENTS, Recording
 from lanewise.extras import needed_for
 from lanewise.report import figure_style as style
-from lanewise.report import road
-from lanewise.report.road import Moment
+from lanewise.report import road_shapes
+from lanewise.report.road_shapes import Moment
 
 with needed_for("the film strip"):
     from matplotlib.axes import Axes
@@ -63,7 +63,7 @@ def draw(columns: Mapping[str, Recording], *, times: Sequence[float] = TIMES) ->
             axes = figure.add_axes(
                 tuple(box / [style.WIDTH, height, style.WIDTH, height]), label=f"{title}, {t:g} s"
             )
-            _frame(axes, recording, road.moment(recording, t), 72.0 * inch)
+            _frame(axes, recording, road_shapes.moment(recording, t), 72.0 * inch)
             _caption(axes, recording, t)
             if row == 0:
                 axes.set_title(style.plain(title), fontweight="bold", fontsize="medium", pad=4.0)
@@ -71,23 +71,23 @@ def draw(columns: Mapping[str, Recording], *, times: Sequence[float] = TIMES) ->
                 axes.set_ylabel(f"$t$ = {t:g} s", rotation=0, ha="right", va="center")
             _scale(axes, last=row == len(times) - 1)
     roles = sorted({int(r) for each in columns.values() for r in each.role[each.present]})
-    handles = [Patch(facecolor=road.BODIES[role], label=NAMES[role]) for role in roles]
+    handles = [Patch(facecolor=road_shapes.BODIES[role], label=NAMES[role]) for role in roles]
     if any((recording.goal_lane >= 0).any() for recording in columns.values()):
-        handles.append(Patch(facecolor=road.GOAL_LANE, label="lane of the goal"))
+        handles.append(Patch(facecolor=road_shapes.GOAL_LANE, label="lane of the goal"))
     figure.legend(handles=handles, loc="upper center", ncols=len(handles), frameon=False)
     return figure
 
 
 def _across(recording: Recording) -> tuple[float, float]:
     """Left and right end of the pavement, m."""
-    left, right = road.edges(recording)
-    return left - road.SHOULDER, right + road.SHOULDER
+    left, right = road_shapes.edges(recording)
+    return left - road_shapes.SHOULDER, right + road_shapes.SHOULDER
 
 
 def _frame(axes: Axes, recording: Recording, now: Moment, points: float) -> None:
     """The road around the ego; `points` of a font are a metre."""
     start, end = (float(now.x[0]) + offset for offset in SEEN)
-    shapes = list(road.shapes(recording, now, start, end))
+    shapes = list(road_shapes.shapes(recording, now, start, end))
     axes.add_collection(
         PolyCollection(
             [shape.corners for shape in shapes],
@@ -115,7 +115,7 @@ def _frame(axes: Axes, recording: Recording, now: Moment, points: float) -> None
 
 
 def _caption(axes: Axes, recording: Recording, t: float) -> None:
-    now = road.moment(recording, t)
+    now = road_shapes.moment(recording, t)
     over = t > recording.time[-1] + 1e-9
     instant = "-" if over or now.index == 0 else f"{recording.reward[now.index]:+.2f}"
     words = f"$r_t$ = {instant}   $R_t$ = {recording.accumulated_reward[now.index]:.2f}"

@@ -4,8 +4,8 @@ from math import isnan
 
 from lanewise.evaluation.episodes import ACCIDENTS, Recording
 from lanewise.extras import needed_for
-from lanewise.report import road
-from lanewise.report.road import Moment, Point
+from lanewise.report import road_shapes
+from lanewise.report.road_shapes import Moment, Point
 
 with needed_for("drawing a recording"):
     from PIL import Image, ImageDraw, ImageFont
@@ -25,7 +25,14 @@ COLUMNS = (0.0, 0.15, 0.42, 0.60, 0.79)
 
 PAPER, INK, FAINT, GREEN, ALARM = "#FFFFFF", "#1C1E21", "#6E7278", "#1A7A40", "#B0141E"
 COLOURS = (
-    *(road.GRASS, road.ASPHALT, road.GOAL_LANE, road.MARKING, road.CHEVRON, *road.BODIES),
+    *(
+        road_shapes.GRASS,
+        road_shapes.ASPHALT,
+        road_shapes.GOAL_LANE,
+        road_shapes.MARKING,
+        road_shapes.CHEVRON,
+        *road_shapes.BODIES,
+    ),
     *(PAPER, INK, FAINT, GREEN, ALARM),
 )
 """Every colour a frame holds but for the shades between them."""
@@ -37,12 +44,12 @@ class Camera:
     def __init__(
         self, recording: Recording, ego_x: float, size: tuple[int, int], enlarged: int = 1
     ) -> None:
-        left, right = road.edges(recording)
+        left, right = road_shapes.edges(recording)
         width, height = size[0] * enlarged, size[1] * enlarged
         self.panel = PANEL * height
         room = height - self.panel
         # 0.8 leaves a strip of grass for the distance marks.
-        paved = right - left + 2.0 * road.SHOULDER
+        paved = right - left + 2.0 * road_shapes.SHOULDER
         self.scale = min(width / VISIBLE_ROAD, 0.8 * room / paved)
         self.origin = ego_x - EGO_PLACE * width / self.scale
         self.end = self.origin + width / self.scale
@@ -62,11 +69,11 @@ def frame(recording: Recording, t: float, size: tuple[int, int] = SIZE) -> Image
         t: s.
         size: width and height, pixels.
     """
-    now = road.moment(recording, t)
+    now = road_shapes.moment(recording, t)
     camera = Camera(recording, float(now.x[0]), size, SUPERSAMPLING)
-    large = Image.new("RGB", (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING), road.GRASS)
+    large = Image.new("RGB", (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING), road_shapes.GRASS)
     draw = ImageDraw.Draw(large)
-    for shape in road.shapes(recording, now, camera.origin, camera.end):
+    for shape in road_shapes.shapes(recording, now, camera.origin, camera.end):
         draw.polygon([camera.pixel(corner) for corner in shape.corners], fill=shape.colour)
     draw.rectangle((0, 0, large.width, camera.panel), fill=PAPER)
     picture = large.resize(size, Image.Resampling.BOX)
@@ -84,7 +91,7 @@ def _distances(
     if points < 8:  # not legible, and no room
         return
     font = ImageFont.load_default(size=points)
-    edge = road.edges(recording)[1] + road.SHOULDER
+    edge = road_shapes.edges(recording)[1] + road_shapes.SHOULDER
     for x in range(int(camera.origin // 20) * 20, int(camera.end) + 20, 20):
         column, top = camera.pixel((float(x), edge))
         draw.line((column, top + 2, column, top + 6), fill=FAINT)

@@ -9,7 +9,7 @@ from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import ACCIDENTS, Recording
 from lanewise.extras import needed_for
 from lanewise.report import figure_style as style
-from lanewise.report import road
+from lanewise.report import road_shapes
 from lanewise.report.figure_style import STYLES, Floats, Look
 
 with needed_for("the goals figure"):
@@ -103,7 +103,7 @@ def events(recording: Recording) -> Events:
 def _lanes(axes: Axes, recording: Recording) -> None:
     """Lanes as in a picture from above: the left one on top."""
     centre, half = recording.lane_centre, recording.lane_width / 2.0
-    outer = road.edges(recording)
+    outer = road_shapes.edges(recording)
     axes.set_ylim(outer[1] + 0.3, outer[0] - 0.3)
     axes.set_yticks(centre)
     axes.grid(visible=False, axis="y")

@@ -26,7 +26,7 @@ REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+)(?:\[[^]]*\])?([^;]*)(?:;.*extra == 
 
 
 @dataclass(frozen=True)
-class Finding:
+class InstallationFinding:
     """One feature."""
 
     feature: str
@@ -38,7 +38,7 @@ class Finding:
     """One line; empty where there is nothing to do."""
 
 
-def examine() -> Iterator[Finding]:
+def examine() -> Iterator[InstallationFinding]:
     """Each feature in turn."""
     wanted: dict[str, dict[str, str]] = {}
     for line in requires("lanewise") or []:
@@ -48,7 +48,7 @@ def examine() -> Iterator[Finding]:
     for extra, feature in FEATURES.items():
         packages = {} if extra == "cuda13" else {name: _version(name) for name in wanted[extra]}
         found = _gpu() if extra == "cuda13" else _status(extra, wanted[extra], packages)
-        yield Finding(feature, found[0], packages, found[1])
+        yield InstallationFinding(feature, found[0], packages, found[1])
 
 
 def _status(extra: str, wanted: dict[str, str], packages: dict[str, str]) -> tuple[str, str]:
@@ -104,7 +104,7 @@ def devices() -> dict[str, Any]:
     return {"backend": jax.default_backend(), "devices": [str(one) for one in jax.devices()]}
 
 
-def text(machine: dict[str, Any], findings: list[Finding]) -> str:
+def text(machine: dict[str, Any], findings: list[InstallationFinding]) -> str:
     """For a terminal."""
     versions = provenance.versions()
     lines = [
