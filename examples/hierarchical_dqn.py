@@ -23,7 +23,7 @@ import optax
 import tyro
 from jax import Array
 
-from lanewise import Parts
+from lanewise import TaskFunctions
 from lanewise.controllers import planner
 from lanewise.controllers.settings import PlannerSettings
 from lanewise.driving import percept
@@ -88,7 +88,7 @@ def nearest_lane(world: World) -> tuple[Array, Array]:
 
 
 # The nine actions are {-1, 0, 1} m/s^2 (1) times {-pi/50, 0, pi/50} rad (2).
-make_trap = partial(functional.make, "low-level", parts=Parts(observe=observe, reward=reward))
+make_trap = partial(functional.make, task=TaskFunctions(observe=observe, reward=reward))
 
 
 # Goals: target lane and speed, the decisions since it was set, and whether the next one is due.

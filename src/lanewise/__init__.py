@@ -7,9 +7,9 @@ from lanewise.system import process
 from lanewise.system.version import __version__
 
 if TYPE_CHECKING:
-    from lanewise.api import Evaluation, Parts, evaluate, train
+    from lanewise.api import Evaluation, TaskFunctions, evaluate, train
 
-__all__ = ["Evaluation", "Parts", "__version__", "evaluate", "train"]
+__all__ = ["Evaluation", "TaskFunctions", "__version__", "evaluate", "train"]
 
 process.watch_forks()
 registration.with_gymnasium()

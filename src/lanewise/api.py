@@ -1,4 +1,4 @@
-"""What ``import lanewise`` offers: train with parts of one's own, test anyone's policy."""
+"""What ``import lanewise`` offers: train with functions of your own, test anyone's policy."""
 
 import json
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from lanewise.config.settings import Settings
 from lanewise.controllers.planned import Planned
 from lanewise.controllers.registry import TRAINABLE, WITH_STEP_1
 from lanewise.controllers.single_level import SingleLevel
-from lanewise.driving.parts import OURS, Parts, checked
+from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions, checked
 from lanewise.envs import functional, keywords
 from lanewise.envs.control import ContinuousControl, GoalControl
 from lanewise.errors import LanewiseError, RunError, brief
@@ -34,7 +34,7 @@ from lanewise.system import process
 from lanewise.system.progress import Progress
 from lanewise.training.plan import TrainingPlan
 
-__all__ = ["Evaluation", "Parts", "evaluate", "train"]
+__all__ = ["Evaluation", "TaskFunctions", "evaluate", "train"]
 
 SECTIONS = tuple(part.name for part in fields(Settings))
 """Of the settings, what a training heeds: all."""
@@ -111,14 +111,14 @@ def train(
     seed: int | None = None,
     preset: str | None = None,
     trap: str | None = None,
-    parts: Parts = OURS,
+    task: TaskFunctions = PAPER_TASK,
     high_level: Path | str | None = None,
     resume: bool = False,
     tensorboard: bool = False,
     quiet: bool = False,
     **settings: Any,
 ) -> Path:
-    """Train a controller into a run folder, as ``lanewise train`` does, with parts of one's own.
+    """Train a controller into a run folder, as ``lanewise train`` does, with functions of your own.
 
     Args:
         out: the run folder: new or empty, or a stopped run together with ``resume``.
@@ -127,7 +127,7 @@ def train(
         seed: of everything random; 0 by default.
         preset: a training preset; ``quick`` by default.
         trap: a scenario preset; ``trap-10`` by default.
-        parts: functions of the user's own for start, observation, reward and success. The run
+        task: functions of the user's own for start, observation, reward and success. The run
             remembers their names; `evaluate` and ``resume`` want the same ones.
         high_level: a run whose finished step 1 is taken over; step 2 alone is then trained.
         resume: continue the run in the folder, to the same bits as if it had never stopped. It
@@ -150,7 +150,7 @@ def train(
     path: Path = PATH.check("out", out)
     look_up("controller", controller, dict.fromkeys(TRAINABLE))
     seed = None if seed is None else SEED.check("seed", keywords.plain(seed))
-    parts = checked(parts)
+    task = checked(task)
     for name, value in {"resume": resume, "tensorboard": tensorboard, "quiet": quiet}.items():
         SWITCH.check(name, value)
     if tensorboard:
@@ -168,15 +168,15 @@ def train(
         if resume:
             given = preset is not None or trap is not None or settings
             folder = RunFolder.resume(path, composed if given else None, controller, seed)
-            plan = TrainingPlan.build(folder.settings, controller, parts)
+            plan = TrainingPlan.build(folder.settings, controller, task)
         else:
             # Before the folder is made: a refused run leaves nothing behind.
             if lender is not None:
-                open_high_level(lender, composed, parts.names())
-            plan = TrainingPlan.build(composed, controller, parts)
+                open_high_level(lender, composed, task.names())
+            plan = TrainingPlan.build(composed, controller, task)
             observed = plan.trace()
             folder = RunFolder.create(
-                path, composed, controller, 0 if seed is None else seed, parts.names(), observed
+                path, composed, controller, 0 if seed is None else seed, task.names(), observed
             )
         with folder, Progress(quiet=quiet) as reporter:
             try:
@@ -185,7 +185,7 @@ def train(
                 )
             except KeyboardInterrupt as stop:
                 # Said at once, as the caller may catch it, and once more below a traceback.
-                how = f"training stopped; continue with: {_again(folder, lender, parts)}"
+                how = f"training stopped; continue with: {_again(folder, lender, task)}"
                 reporter.note(how)
                 stop.add_note(how)
                 raise
@@ -202,13 +202,13 @@ def _file_errors(verb: str, path: Path) -> Iterator[None]:
         raise RunError(f"cannot {verb} {place}: {error.strerror or error}") from error
 
 
-def _again(folder: RunFolder, lender: Path | None, parts: Parts) -> str:
+def _again(folder: RunFolder, lender: Path | None, task: TaskFunctions) -> str:
     """The call that continues a training."""
     words = [repr(str(folder.path))]
     if folder.controller != "hierarchical":
         words.append(repr(folder.controller))
-    if parts.names():
-        words.append("parts=...")
+    if task.names():
+        words.append("task=...")
     if lender is not None and not folder.stages.exists():
         words.append(f"high_level={str(lender)!r}")  # not taken over yet
     return f"lanewise.train({', '.join([*words, 'resume=True'])})"
@@ -247,9 +247,9 @@ def evaluate(
         deterministic: ask ``predict`` for its deterministic action, and refuse a function that
             answers the same observation differently; False for a policy that draws at random.
         quiet: show no progress.
-        settings: as of `lanewise.envs.functional.make`, such as ``duration``, ``parts`` and any
+        settings: as of `lanewise.envs.functional.make`, such as ``duration``, ``task`` and any
             setting of scenario and driving; a controller of ours brings its own settings, and
-            wants the ``parts`` it was trained with.
+            wants the ``task`` it was trained with.
 
     Returns:
         Metrics, outcomes, and episodes to look at.
@@ -295,7 +295,7 @@ def _ours(
     policy: str | Path | Trained, world: str, episodes: int, seed: int, quiet: bool, settings: Any
 ) -> Evaluation:
     """A controller of ours, with the settings of its own run."""
-    parts = checked(settings.pop("parts")) if "parts" in settings else None
+    task = checked(settings.pop("task")) if "task" in settings else None
     if settings:
         raise LanewiseError(
             f"{next(iter(settings))}: a trained controller is tested with its own settings"
@@ -305,10 +305,10 @@ def _ours(
     else:
         path = PATH.check("policy", policy)
         with _file_errors("read", path):
-            controller = trained.load(path, OURS if parts is None else parts)
-    if parts is not None and parts != controller.parts:
-        made = "; ".join(controller.parts.names()) or "no parts of the user's own"
-        raise RunError(f"parts: {controller.name} was made with {made}; give no others")
+            controller = trained.load(path, PAPER_TASK if task is None else task)
+    if task is not None and task != controller.task:
+        made = "; ".join(controller.task.names()) or "no task functions of the user's own"
+        raise RunError(f"task: {controller.name} was made with {made}; give no others")
     config = evaluate_trained.evaluation_config(controller)
     with Progress(quiet=quiet) as reporter:
         found = evaluate_trained.evaluate(controller, world, episodes, seed, reporter)
@@ -328,7 +328,7 @@ def _summary(found: Episodes, name: str, world: str, config: EvaluationConfig) -
         driving=config.driving,
         evaluation=EvaluationSettings(duration=seconds),
     )
-    unlike = published.unlike_test(settings, config.parts.names(), config.split)
+    unlike = published.unlike_test(settings, config.task.names(), config.split)
     return metrics.summarise(found, controller=name, world=world, unlike_paper=unlike)
 
 
@@ -348,6 +348,6 @@ def _course(actions: str, settings: dict[str, Any]) -> tuple[EvaluationConfig, i
         )
     (level,) = controller.levels
     config = EvaluationConfig(
-        task.scenario, rules.driving, controller, rules.duration, task.split, parts=rules.parts
+        task.scenario, rules.driving, controller, rules.duration, task.split, task=rules.task
     )
     return config, 0 if isinstance(task.control, ContinuousControl) else level.choice_count

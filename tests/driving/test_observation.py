@@ -5,8 +5,8 @@ import pytest
 from driving_worlds import world_of
 
 from lanewise.driving import observation, percept
-from lanewise.driving.parts import Parts
 from lanewise.driving.settings import ObservationSettings
+from lanewise.driving.task_functions import TaskFunctions
 from lanewise.interop.highway_env import build_env
 
 THEIRS = ObservationSettings(scaling="highway-env")
@@ -93,7 +93,7 @@ def test_the_percepts_lane_is_the_nearest_and_not_the_one_aimed_at():
     world = world_of([5.0], [6.5], [10.0], dtype=np.float64)
     aims = world.vehicles.__class__(**{**vars(world.vehicles), "target_lane": jnp.zeros(1, int)})
     world = world.__class__(world.road, world.drivers, aims)
-    seen = percept.perceive(FINE, world, Parts(observe=lambda *_: jnp.zeros(1)))
+    seen = percept.perceive(FINE, world, TaskFunctions(observe=lambda *_: jnp.zeros(1)))
     assert int(seen.lane) == 2
     assert (float(seen.x), float(seen.y), float(seen.speed)) == (5.0, 6.5, 10.0)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lanewise.driving.episode import Outcome
-from lanewise.driving.parts import Parts
+from lanewise.driving.task_functions import TaskFunctions
 from lanewise.envs import functional, rows
 from lanewise.errors import SettingsError
 from lanewise.scenario import trap
@@ -94,15 +94,15 @@ def with_a_faster_trap(scenario, key, split):
 
 @pytest.mark.slow
 def test_parts_of_the_user_s_own():
-    parts = Parts(with_a_faster_trap, lanes_and_speed, fast, in_the_right_lane)
-    env = gymnasium.make("lanewise/Trap-v0", parts=parts)
+    task = TaskFunctions(with_a_faster_trap, lanes_and_speed, fast, in_the_right_lane)
+    env = gymnasium.make("lanewise/Trap-v0", task=task)
     assert env.observation_space.shape == (2,)
     seen, _ = env.reset(seed=0)
     assert seen.tolist() == [0.0, 10.0]
     seen, reward, *_, info = env.step(4)
     assert reward == pytest.approx(1.0)
     assert not info["is_success"]
-    many = gymnasium.make_vec("lanewise/Trap-v0", 3, parts=parts)
+    many = gymnasium.make_vec("lanewise/Trap-v0", 3, task=task)
     assert many.reset(seed=0)[0].shape == (3, 2)
     for _ in range(5):
         _, reward, *_ = many.step([4, 4, 4])

@@ -152,7 +152,7 @@ def test_a_video_runs_in_real_time(tmp_path):
 def test_decisions_shorter_than_their_frequency_says_fill_the_duration_in_real_time():
     env = gymnasium.make("lanewise/Trap-v0", simulation_frequency=15).unwrapped
     decision = 7 / 15
-    assert env.task.rules.duration == 54
+    assert env.config.rules.duration == 54
     assert env.metadata["render_fps"] == pytest.approx(1.0 / decision)
     many = gymnasium.make_vec("lanewise/Trap-v0", num_envs=1, simulation_frequency=15)
     assert many.metadata["render_fps"] == env.metadata["render_fps"]
@@ -196,7 +196,7 @@ def test_settings_by_keyword():
     seen, _ = env.reset(seed=0)
     assert seen[3] * 15.0 == pytest.approx(14.0)
     assert seen[observation.LANE_OFFSET + 4] * 5.0 == pytest.approx(9.0 - 14.0)
-    task = gymnasium.make("lanewise/Trap-v0", **{"scenario.traffic.spacing": 30.0}).unwrapped.task
+    task = gymnasium.make("lanewise/Trap-v0", **{"scenario.traffic.spacing": 30.0}).unwrapped.config
     assert task.scenario.traffic.spacing == 30.0
     limits = gymnasium.make("lanewise/Trap-v0", scaling="highway-env").observation_space
     assert limits.high.max() == 1.0
@@ -214,7 +214,7 @@ def test_settings_by_keyword():
         ({"duration": 4000}, "duration: in 4000 s a vehicle could get"),
         ({"duration": "25"}, "duration: expected a number of seconds, got 25"),
         ({"split": 0}, "split: expected text, one of training, validation, test, got 0"),
-        ({"parts": 3}, r"parts: expected lanewise\.Parts\(\.\.\.\), got 3"),
+        ({"task": 3}, r"task: expected lanewise\.TaskFunctions\(\.\.\.\), got 3"),
         ({"actions": "goal"}, "actions: each kind has an id of its own: .*lanewise/TrapGoal-v0"),
         ({"scenario": 3}, "scenario is a section, not a setting"),
         ({"lanes": {"most": 4}}, "scenario.lanes: expected a whole number, got {'most': 4}"),

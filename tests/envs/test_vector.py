@@ -155,7 +155,7 @@ def test_pictures():
 @pytest.mark.parametrize("count", [np.int64(2), np.array([2])[0]])
 def test_numbers_may_be_of_numpy(count):
     env = gymnasium.make_vec("lanewise/Trap-v0", count, trap_speed=np.float32(9.0))
-    assert (type(env.num_envs), env.num_envs, env.task.scenario.trap_speed) == (int, 2, 9.0)
+    assert (type(env.num_envs), env.num_envs, env.config.scenario.trap_speed) == (int, 2, 9.0)
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,7 @@ def hurry(settings, world, steering, accident):
 
 
 OURS = ("pretrained/single-level", "reference/rule-based")
-PARTS = lanewise.Parts(reward=hurry)
+PARTS = lanewise.TaskFunctions(reward=hurry)
 
 
 @pytest.fixture
@@ -110,11 +110,11 @@ def test_an_object_with_predict_is_always_asked_with_batches():
 
 @pytest.mark.usefixtures("driven")
 def test_parts_that_a_controller_was_not_trained_with_are_not_passed_over():
-    said = "parts: .* made with no parts of the user's own"
+    said = "task: .* made with no task functions of the user's own"
     with pytest.raises(LanewiseError, match=said):
-        lanewise.evaluate("reference/rule-based", parts=PARTS)
+        lanewise.evaluate("reference/rule-based", task=PARTS)
     with pytest.raises(LanewiseError, match=said):
-        lanewise.evaluate(trained.load(Path("reference/search")), parts=PARTS)
+        lanewise.evaluate(trained.load(Path("reference/search")), task=PARTS)
 
 
 def test_as_many_episodes_as_on_the_command_line():
@@ -180,7 +180,7 @@ def test_results_are_not_written_to_folders(found, place):
         ({"preset": "ranges"}, ""),
         ({"split": "training"}, "its starts are those of training"),
         ({"accident_penalty": 1.0}, "driving.reward.accident_penalty is 1.0, not 10.0"),
-        ({"parts": PARTS}, f"reward: {__name__}.hurry"),
+        ({"task": PARTS}, f"reward: {__name__}.hurry"),
     ],
     # Not the text of a function, in which its address stands.
     ids=lambda given: "-".join(given) if isinstance(given, dict) else "",

@@ -164,8 +164,8 @@ def survived(world):
 
 
 def test_the_user_s_own_success(tmp_path):
-    parts = lanewise.Parts(success=survived)
-    found = lanewise.evaluate(lambda seen: 4, episodes=4, duration=2.0, parts=parts)
+    task = lanewise.TaskFunctions(success=survived)
+    found = lanewise.evaluate(lambda seen: 4, episodes=4, duration=2.0, task=task)
     assert found.episodes.success.all()
     found.save(tmp_path / "mine.json")
     assert json.loads((tmp_path / "mine.json").read_text())["success_rate"] == 1.0
@@ -203,21 +203,21 @@ def behind_three(settings, key, split):
 def test_the_paper_s_success_wants_trap_cars(start):
     said = rf"start: {start.__name__} places no trap car.*; give success= too"
     with pytest.raises(LanewiseError, match=said) as refused:
-        lanewise.evaluate(idle, parts=lanewise.Parts(start=start), episodes=1)
+        lanewise.evaluate(idle, task=lanewise.TaskFunctions(start=start), episodes=1)
     assert len(str(refused.value).splitlines()) == 1
 
 
 @pytest.mark.parametrize("world", [pytest.param("lanewise", marks=pytest.mark.slow), "highway-env"])
 @pytest.mark.parametrize(
-    ("parts", "roles"),
+    ("task", "roles"),
     [
-        (lanewise.Parts(start=alone, success=survived), [0]),
-        (lanewise.Parts(start=behind_three), [0, 1, 1, 1] + [2] * 9),
+        (lanewise.TaskFunctions(start=alone, success=survived), [0]),
+        (lanewise.TaskFunctions(start=behind_three), [0, 1, 1, 1] + [2] * 9),
     ],
     ids=["1", "14"],
 )
-def test_any_number_of_vehicles_is_driven_and_drawn_by_what_they_are(tmp_path, parts, roles, world):
-    found = lanewise.evaluate(idle, episodes=1, duration=1.0, parts=parts, world=world)
+def test_any_number_of_vehicles_is_driven_and_drawn_by_what_they_are(tmp_path, task, roles, world):
+    found = lanewise.evaluate(idle, episodes=1, duration=1.0, task=task, world=world)
     assert found.episodes.success.tolist() == [len(roles) == 1]
     recording = found.record()
     assert recording.role[recording.present].tolist() == roles

@@ -50,5 +50,5 @@ def observe(settings, world):
 def test_evaluate_refuses_such_a_test():
     with pytest.raises(NumbersError, match="an observation is not finite in 3 of 3 episodes"):
         lanewise.evaluate(
-            lambda seen: 4, episodes=3, duration=3.0, parts=lanewise.Parts(observe=observe)
+            lambda seen: 4, episodes=3, duration=3.0, task=lanewise.TaskFunctions(observe=observe)
         )

@@ -41,17 +41,17 @@ def save_every_chunk(monkeypatch):
     monkeypatch.setattr(training_loop, "INTERVAL", 0.0)
 
 
-def failed(path, controller, parts, **settings):
+def failed(path, controller, task, **settings):
     """Train until it fails: the error."""
     sections = {"single-level": "single_level", "h-dqn": "h_dqn"}
     long = {f"{sections.get(controller, 'high_level')}.decisions": 4000}
     flags = FLAGS | {"evaluation.validation_interval": 100} | long | settings
     with pytest.raises(NumbersError, match=r"not finite.*; training stopped") as error:
-        lanewise.train(path, controller, parts=parts, seed=1, **flags)
+        lanewise.train(path, controller, task=task, seed=1, **flags)
     return error.value
 
 
-def check_what_is_left(path, parts, what, stage):
+def check_what_is_left(path, task, what, stage):
     """Of the run: files that are whole, and the same failure seen again."""
     about = json.loads((path / divergence.FOLDER / divergence.FOUND).read_text())
     assert about["found_again"]
@@ -65,7 +65,7 @@ def check_what_is_left(path, parts, what, stage):
     assert warning == ""
     assert (newest.meta["counters"]["chunks"] if newest else 0) == about["chunk"] - 1
     assert not (path / "controller.json").exists()
-    first = divergence.find_first_nonfinite(path, parts)
+    first = divergence.find_first_nonfinite(path, task)
     assert (first.stage, first.chunk) == (stage, about["chunk"])
     assert first.found[0].what == what
     return about, first
@@ -73,9 +73,9 @@ def check_what_is_left(path, parts, what, stage):
 
 @pytest.mark.slow
 def test_an_observation_that_is_not_finite(tmp_path):
-    path, parts = tmp_path / "run", lanewise.Parts(observe=few_features)
-    error = failed(path, "single-level", parts)
-    about, first = check_what_is_left(path, parts, "observation", "single-level")
+    path, task = tmp_path / "run", lanewise.TaskFunctions(observe=few_features)
+    error = failed(path, "single-level", task)
+    about, first = check_what_is_left(path, task, "observation", "single-level")
     assert about["chunk"] > 1
     assert str(error).count("\n") == 1
     assert f"single-level, chunk {about['chunk']}: an observation is not finite" in str(error)
@@ -85,7 +85,7 @@ def test_an_observation_that_is_not_finite(tmp_path):
     assert [told["world"], 2] in wrong.tolist()
     before = {file: (path / file).read_bytes() for file in ("metrics.jsonl", "settings.toml")}
     with pytest.raises(NumbersError) as second:
-        lanewise.train(path, "single-level", parts=parts, resume=True)
+        lanewise.train(path, "single-level", task=task, resume=True)
     assert str(second.value) == str(error)
     assert before == {file: (path / file).read_bytes() for file in before}
 
@@ -97,9 +97,9 @@ def test_an_observation_that_is_not_finite(tmp_path):
     ids=str,
 )
 def test_a_reward_that_is_not_finite(tmp_path, controller, stage, value):
-    path, parts = tmp_path / "run", lanewise.Parts(reward=spoiling_reward(value))
-    failed(path, controller, parts)
-    about, first = check_what_is_left(path, parts, "reward", stage)
+    path, task = tmp_path / "run", lanewise.TaskFunctions(reward=spoiling_reward(value))
+    failed(path, controller, task)
+    about, first = check_what_is_left(path, task, "reward", stage)
     world = about["found"][0]["world"]
     assert np.array_equal(first.reward[world], np.float32(value), equal_nan=True)
     assert np.isfinite(first.observation).all()
@@ -117,11 +117,11 @@ def huge(settings, world, steering, accident):
     ids=str,
 )
 def test_a_loss_that_overflows(tmp_path, controller, level):
-    path, parts = tmp_path / "run", lanewise.Parts(reward=huge)
-    error = failed(path, controller, parts)
+    path, task = tmp_path / "run", lanewise.TaskFunctions(reward=huge)
+    error = failed(path, controller, task)
     assert f"the loss of {level} is not finite since decision" in str(error)
     assert f"lower learner.learning_rate of {level}" in str(error)
-    about, first = check_what_is_left(path, parts, "loss", controller)
+    about, first = check_what_is_left(path, task, "loss", controller)
     assert not np.isfinite(first.loss[level])
     assert {one["what"] for one in about["found"]} <= {"loss", "weights"}
 

@@ -5,7 +5,7 @@ import os
 import pytest
 
 import lanewise
-from lanewise import Parts, api, config
+from lanewise import TaskFunctions, api, config
 from lanewise.cli.main import main
 from lanewise.errors import LanewiseError, RunError, SettingsError
 from lanewise.runs.run_folder import RunFolder
@@ -106,7 +106,7 @@ def reward_of_mine(settings, world, steering, ended):
     [
         ({}, "{out}, resume=True"),
         ({"controller": "h-dqn", "quiet": True}, "{out}, 'h-dqn', resume=True"),
-        ({"parts": Parts(reward=reward_of_mine)}, "{out}, parts=..., resume=True"),
+        ({"task": TaskFunctions(reward=reward_of_mine)}, "{out}, task=..., resume=True"),
     ],
     ids=["the-default", "quiet", "own-parts"],
 )
@@ -127,7 +127,7 @@ def test_an_interruption_says_how_to_go_on(tmp_path, monkeypatch, capsys, name, 
     assert said == f"training stopped; continue with: {call}\n"
     # It does go on, and a run of another's parts is not the one that stopped.
     monkeypatch.setattr(api.training_loop, "train", lambda *_, **__: None)
-    eval(call.replace("...", "given['parts']"), {"lanewise": lanewise, "given": given})
+    eval(call.replace("...", "given['task']"), {"lanewise": lanewise, "given": given})
 
 
 def test_a_step_1_that_was_not_taken_over_yet_is_given_again(tmp_path, run, monkeypatch):

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from lanewise.driving import accidents, actions
-from lanewise.driving.parts import OURS, Parts
 from lanewise.driving.settings import DrivingSettings
+from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions
 from lanewise.world import bicycle, tick
 from lanewise.world.state import RULE_BASED, World
 from lanewise.world.steering import from_slip_sine
@@ -104,7 +104,7 @@ def step(
     episode: Episode,
     action: Array,
     duration: int,
-    parts: Parts = OURS,
+    task: TaskFunctions = PAPER_TASK,
 ) -> Episode:
     """One decision: act, let the world tick, then evaluate reward and endings.
 
@@ -113,14 +113,14 @@ def step(
         episode: before the decision.
         action: int32 [] low-level action index.
         duration: decisions after which the episode is truncated.
-        parts: whose reward and success count.
+        task: whose reward and success count.
 
     Returns:
         The episode after the decision; `Episode.outcome` says what it led to.
     """
     dtype = episode.world.vehicles.x.dtype
     acceleration, steering = actions.commands(settings.actions, action, dtype)
-    return step_with_commands(settings, episode, acceleration, steering, duration, parts)
+    return step_with_commands(settings, episode, acceleration, steering, duration, task)
 
 
 def step_with_commands(
@@ -129,12 +129,12 @@ def step_with_commands(
     acceleration: Array,
     steering: Array,
     duration: int,
-    parts: Parts = OURS,
+    task: TaskFunctions = PAPER_TASK,
 ) -> Episode:
     """As `step`, with any acceleration, m/s^2, and steering, rad, positive to the right."""
     world = bicycle.command(episode.world, acceleration, steering)
     world = tick.run(world, settings.tick_duration, settings.ticks_per_decision)
-    return evaluate_step(settings, episode, world, steering, duration, parts)
+    return evaluate_step(settings, episode, world, steering, duration, task)
 
 
 def evaluate_step(
@@ -143,7 +143,7 @@ def evaluate_step(
     world: World,
     steering: Array,
     duration: int,
-    parts: Parts = OURS,
+    task: TaskFunctions = PAPER_TASK,
 ) -> Episode:
     """The episode after a decision, given the world after it, whoever simulated that.
 
@@ -153,7 +153,7 @@ def evaluate_step(
         world: the world after it.
         steering: [] angle the decision steered by, rad.
         duration: decisions after which the episode is truncated.
-        parts: whose reward and success count.
+        task: whose reward and success count.
     """
     # A rule-based ego ignores actions; how it steered is in the world.
     by_rules = world.drivers.kind[0] == RULE_BASED
@@ -162,14 +162,14 @@ def evaluate_step(
     decisions = stats.decisions + 1
     accident = accidents.ego_accident(world, settings.stopped_speed)
     terminated = accident != accidents.NONE
-    reward = parts.reward(settings.reward, world, steering, terminated)
+    reward = task.reward(settings.reward, world, steering, terminated)
     outcome = Outcome(
         reward=jnp.asarray(reward, stats.reward.dtype),
         accident=accident,
         terminated=terminated,
         truncated=(decisions >= duration) & ~terminated,
     )
-    escapes = ~stats.escaped & parts.success(world) & ~terminated
+    escapes = ~stats.escaped & task.success(world) & ~terminated
     counts = _ends_timestep(settings, decisions) | terminated
     after = EpisodeStats(
         decisions=decisions,

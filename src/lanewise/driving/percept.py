@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import jax
 from jax import Array
 
-from lanewise.driving.parts import OURS, Parts
 from lanewise.driving.settings import ObservationSettings
+from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions
 from lanewise.world import road
 from lanewise.world.state import Road, World
 
@@ -35,12 +35,16 @@ class Percept:
 
 
 def perceive(
-    settings: ObservationSettings, world: World, parts: Parts = OURS, *, privileged: bool = False
+    settings: ObservationSettings,
+    world: World,
+    task: TaskFunctions = PAPER_TASK,
+    *,
+    privileged: bool = False,
 ) -> Percept:
     """The percept of the ego in ``world``, with the world itself if ``privileged``."""
     vehicles = world.vehicles
     return Percept(
-        features=parts.observe(settings, world),
+        features=task.observe(settings, world),
         x=vehicles.x[0],
         y=vehicles.y[0],
         heading=vehicles.heading[0],

@@ -11,8 +11,8 @@ from lanewise.controllers.planned import Planned
 from lanewise.controllers.settings import GoalSettings, PlannerSettings
 from lanewise.driving import actions, episode, percept
 from lanewise.driving.episode import Episode
-from lanewise.driving.parts import Parts
 from lanewise.driving.settings import DrivingSettings
+from lanewise.driving.task_functions import TaskFunctions
 
 Memory = Any
 """A control's own pytree, carried from step to step."""
@@ -23,7 +23,7 @@ class Rules:
     """What every control needs to know of the episode. Static."""
 
     driving: DrivingSettings
-    parts: Parts
+    task: TaskFunctions
     duration: int
     """Decisions after which an episode is truncated."""
 
@@ -52,7 +52,7 @@ class LowLevelControl:
         self, rules: Rules, state: Episode, memory: tuple[()], action: Array
     ) -> tuple[Episode, tuple[()], Array]:
         """One decision."""
-        after = episode.step(rules.driving, state, action, rules.duration, rules.parts)
+        after = episode.step(rules.driving, state, action, rules.duration, rules.task)
         return after, memory, after.outcome.reward
 
 
@@ -70,7 +70,7 @@ class ContinuousControl:
         """One decision."""
         commands = actions.shared(rules.driving.actions, action)
         after = episode.step_with_commands(
-            rules.driving, state, *commands, rules.duration, rules.parts
+            rules.driving, state, *commands, rules.duration, rules.task
         )
         return after, memory, after.outcome.reward
 
@@ -105,7 +105,7 @@ class GoalControl:
             state, memory, reward = carry
             seen = percept.perceive(rules.driving.observation, state.world)
             low_level, memory = planned.act(memory, seen)
-            state = episode.step(rules.driving, state, low_level, rules.duration, rules.parts)
+            state = episode.step(rules.driving, state, low_level, rules.duration, rules.task)
             memory = planned.perceive(
                 memory, percept.perceive(rules.driving.observation, state.world)
             )

@@ -17,7 +17,7 @@ from lanewise.config.validation import check_duration
 from lanewise.driving import episode, restarting
 from lanewise.driving.actions import are_numbers
 from lanewise.driving.episode import Episode
-from lanewise.driving.parts import OURS, Parts, checked
+from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions, checked
 from lanewise.envs import keywords
 from lanewise.envs.control import ContinuousControl, Control, GoalControl, LowLevelControl, Rules
 from lanewise.errors import ActionError, SettingsError
@@ -31,7 +31,7 @@ ACTIONS = ("low-level", "goal", "continuous")
 
 
 @dataclass(frozen=True)
-class Trap:
+class EnvConfig:
     """What stays the same through all episodes. Static: an argument of compiled functions."""
 
     scenario: TrapSettings
@@ -86,9 +86,9 @@ def make(
     trap: str = "trap-10",
     split: str = "training",
     duration: float = 25.0,
-    parts: Parts = OURS,
+    task: TaskFunctions = PAPER_TASK,
     **settings: Any,
-) -> Trap:
+) -> EnvConfig:
     """The trap with these settings.
 
     Args:
@@ -98,7 +98,7 @@ def make(
         trap: a scenario preset, ``trap-10`` or ``trap-10.9``.
         split: from which starts: ``training``, ``validation`` or ``test``.
         duration: after which an episode is truncated, simulated s, rounded up to decisions.
-        parts: functions of the user's own for start, observation, reward and success.
+        task: functions of the user's own for start, observation, reward and success.
         settings: any of scenario, driving, goals and planner (docs/settings.md), named in full,
             by the last word, or in a mapping named like the section.
 
@@ -107,10 +107,10 @@ def make(
     """
     composed = keywords.compose(preset, trap, settings)
     look_up("split", split, dict.fromkeys(SPLITS))
-    if checked(parts).names():
+    if checked(task).names():
         process.refuse_forked()
     # Refuses what does not work.
-    parts.try_out(composed.scenario, composed.driving, split)
+    task.validate(composed.scenario, composed.driving, split)
     if isinstance(duration, bool) or not isinstance(duration, int | float | np.number):
         raise SettingsError(f"duration: expected a number of seconds, got {str(duration)[:80]}")
     shortest = composed.driving.decision_duration
@@ -122,34 +122,34 @@ def make(
         "goal": GoalControl(composed.goals, composed.planner),
         "continuous": ContinuousControl(),
     }
-    return Trap(
+    return EnvConfig(
         scenario=composed.scenario,
         control=look_up("kind of action", actions, controls),
-        rules=Rules(composed.driving, parts, composed.driving.decisions_in(float(duration))),
+        rules=Rules(composed.driving, task, composed.driving.decisions_in(float(duration))),
         split=split,
     )
 
 
 @pinned.jit(static_argnums=0)
-def reset(task: Trap, key: Array) -> tuple[State, Step]:
+def reset(config: EnvConfig, key: Array) -> tuple[State, Step]:
     """A fresh episode.
 
     Args:
-        task: from `make`.
+        config: from `make`.
         key: random key of the start.
 
     Returns:
         The state, and what it shows.
     """
-    return start(task, task.rules.parts.start(task.scenario, pinned.own(key), task.split))
+    return start(config, config.rules.task.start(config.scenario, pinned.own(key), config.split))
 
 
 @pinned.jit(static_argnums=0)
-def step(task: Trap, state: State, action: Array) -> tuple[State, Step]:
+def step(config: EnvConfig, state: State, action: Array) -> tuple[State, Step]:
     """One step; what follows an episode's end is without meaning.
 
     Args:
-        task: from `make`.
+        config: from `make`.
         state: before the step.
         action: int32 [] index of a low-level action or a goal; for continuous ones float32 [2]:
             acceleration and steering (positive to the right) from -1 to 1.
@@ -161,10 +161,12 @@ def step(task: Trap, state: State, action: Array) -> tuple[State, Step]:
         ActionError: the action has another type or shape. Its value is not looked at.
     """
     given = jnp.asarray(action)
-    _check_kind(task.control, given)
+    _check_kind(config.control, given)
     # In 32 bits, also from a caller whose JAX has 64.
     chosen = given.astype(jnp.float32 if jnp.issubdtype(given.dtype, jnp.floating) else jnp.int32)
-    return after_step(task, *task.control.drive(task.rules, state.episode, state.memory, chosen))
+    return after_step(
+        config, *config.control.drive(config.rules, state.episode, state.memory, chosen)
+    )
 
 
 def _check_kind(control: Control, action: Array) -> None:
@@ -176,11 +178,11 @@ def _check_kind(control: Control, action: Array) -> None:
         raise ActionError(f"an action must be {wanted}, got {action.dtype} of shape {action.shape}")
 
 
-def after_step(task: Trap, after: Episode, memory: Any, reward: Array) -> tuple[State, Step]:
+def after_step(config: EnvConfig, after: Episode, memory: Any, reward: Array) -> tuple[State, Step]:
     """The state after a step, and what it shows, whoever simulated it.
 
     Args:
-        task: from `make`.
+        config: from `make`.
         after: the episode after the step.
         memory: the control's.
         reward: [] of the step.
@@ -188,7 +190,7 @@ def after_step(task: Trap, after: Episode, memory: Any, reward: Array) -> tuple[
     state = State(after, memory, reward)
     outcome = after.outcome
     return state, Step(
-        observation=task.rules.parts.observe(task.rules.driving.observation, after.world),
+        observation=config.rules.task.observe(config.rules.driving.observation, after.world),
         reward=reward,
         terminated=outcome.terminated,
         truncated=outcome.truncated,
@@ -200,11 +202,11 @@ def after_step(task: Trap, after: Episode, memory: Any, reward: Array) -> tuple[
     )
 
 
-def restarted(task: Trap, states: State, steps: Step, keys: Array) -> tuple[State, Array]:
+def restarted(config: EnvConfig, states: State, steps: Step, keys: Array) -> tuple[State, Array]:
     """Fresh episodes where the last step ended one.
 
     Args:
-        task: from `make`.
+        config: from `make`.
         states: [W] after a step.
         steps: [W] what the step showed; its observations are those of the episodes that ended.
         keys: [W] random keys, used where an episode ended.
@@ -214,7 +216,7 @@ def restarted(task: Trap, states: State, steps: Step, keys: Array) -> tuple[Stat
     """
 
     def begin(over: Array) -> tuple[State, Array]:
-        fresh, shown = jax.vmap(partial(reset, task))(keys[over])
+        fresh, shown = jax.vmap(partial(reset, config))(keys[over])
         return fresh, shown.observation
 
     done = steps.terminated | steps.truncated
@@ -224,8 +226,8 @@ def restarted(task: Trap, states: State, steps: Step, keys: Array) -> tuple[Stat
     return found
 
 
-def start(task: Trap, world: Any) -> tuple[State, Step]:
+def start(config: EnvConfig, world: Any) -> tuple[State, Step]:
     """A fresh episode from a world of one's own (`lanewise.scenario.trap.place` makes them)."""
     begun = episode.begin(world)
-    memory = task.control.begin(task.rules, begun)
-    return after_step(task, begun, memory, jnp.zeros_like(world.vehicles.x[0]))
+    memory = config.control.begin(config.rules, begun)
+    return after_step(config, begun, memory, jnp.zeros_like(world.vehicles.x[0]))

@@ -6,18 +6,18 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from lanewise.envs.functional import State, Trap
+from lanewise.envs.functional import EnvConfig, State
 from lanewise.evaluation.episodes import Recording
 from lanewise.report.frame import frame
 from lanewise.scenario import trap
 from lanewise.world.state import World
 
 
-def picture(task: Trap, state: State, *, success: bool, accident: int) -> NDArray[np.uint8]:
+def picture(config: EnvConfig, state: State, *, success: bool, accident: int) -> NDArray[np.uint8]:
     """The road around the ego from above, with time, speed, goal and rewards; [240, 960, 3].
 
     Args:
-        task: of the environment.
+        config: of the environment.
         state: of one world.
         success: whether the episode has succeeded by now.
         accident: code of the accident that ended it, 0 if none did.
@@ -26,7 +26,7 @@ def picture(task: Trap, state: State, *, success: bool, accident: int) -> NDArra
     goal = getattr(fetched.memory, "goal", None)
     return drawn(
         fetched.episode.world,
-        time=int(fetched.episode.stats.decisions) * task.rules.driving.decision_duration,
+        time=int(fetched.episode.stats.decisions) * config.rules.driving.decision_duration,
         goal=(-1, np.nan) if goal is None else (int(goal.goal.lane), float(goal.goal.speed)),
         reward=float(fetched.reward),
         timestep_reward=float(fetched.episode.stats.timestep_reward),

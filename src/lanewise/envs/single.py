@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from lanewise.driving import actions
 from lanewise.envs import functional, rows, spaces
-from lanewise.envs.functional import State, Trap
+from lanewise.envs.functional import EnvConfig, State
 from lanewise.envs.starts import Starts
 from lanewise.errors import SettingsError
 from lanewise.fields.suggestions import look_up
@@ -56,11 +56,11 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
             SettingsError: a name or a value is wrong.
         """
         refuse_other(settings, render_mode)
-        self.task = functional.make(self.actions, **settings)
+        self.config = functional.make(self.actions, **settings)
         self.render_mode = render_mode
-        self.metadata = metadata(self.task)
-        self.action_space = spaces.of_actions(self.task)
-        self.observation_space = spaces.of_observations(self.task)
+        self.metadata = metadata(self.config)
+        self.action_space = spaces.of_actions(self.config)
+        self.observation_space = spaces.of_observations(self.config)
         self._starts = Starts.none(1)
         self._state: State | None = None
         self._info: Info = {}
@@ -115,7 +115,7 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
         from lanewise.envs import rendering
 
         return rendering.picture(
-            self.task,
+            self.config,
             self._state,
             success=bool(self._info["is_success"]),
             accident=int(self._info["accident"]),
@@ -127,12 +127,12 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
 
     def _begin(self, seed: int, index: int) -> Any:
         """Start ``index`` of a seed; its row."""
-        self._state, row = _reset(self.task, jnp.uint32(seed), jnp.int32(index))
+        self._state, row = _reset(self.config, jnp.uint32(seed), jnp.int32(index))
         return row
 
     def _decide(self, action: NDArray[Any]) -> Any:
         """One step; its row."""
-        self._state, row = _step(self.task, self._state, action)
+        self._state, row = _step(self.config, self._state, action)
         return row
 
 
@@ -182,9 +182,9 @@ def refuse_unusable(closed: bool) -> None:
     process.refuse_forked()
 
 
-def metadata(task: Trap) -> dict[str, Any]:
+def metadata(config: EnvConfig) -> dict[str, Any]:
     """Render modes, and frames a second at which a video of every decision runs in real time."""
-    rate = 1.0 / task.rules.driving.decision_duration
+    rate = 1.0 / config.rules.driving.decision_duration
     whole = round(rate)
     return {
         "render_modes": list(RENDER_MODES),
@@ -210,14 +210,14 @@ def checked(space: gymnasium.Space[Any], action: Any) -> NDArray[Any]:
 
 
 @pinned.jit(static_argnums=0)
-def _reset(task: Trap, seed: Array, index: Array) -> tuple[State, Array]:
+def _reset(config: EnvConfig, seed: Array, index: Array) -> tuple[State, Array]:
     """(state, row)."""
-    state, shown = functional.reset(task, trap.start_key(seed, task.split, index))
+    state, shown = functional.reset(config, trap.start_key(seed, config.split, index))
     return state, rows.pack(shown)
 
 
 @pinned.jit(static_argnums=0)
-def _step(task: Trap, state: State, action: ArrayLike) -> tuple[State, Array]:
+def _step(config: EnvConfig, state: State, action: ArrayLike) -> tuple[State, Array]:
     """(state, row)."""
-    state, shown = functional.step(task, state, action)
+    state, shown = functional.step(config, state, action)
     return state, rows.pack(shown)

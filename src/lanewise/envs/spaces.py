@@ -8,18 +8,18 @@ from numpy.typing import NDArray
 
 from lanewise.controllers import goals
 from lanewise.driving import actions, observation
-from lanewise.driving.parts import OURS
+from lanewise.driving.task_functions import PAPER_TASK
 from lanewise.envs.control import GoalControl, LowLevelControl
-from lanewise.envs.functional import Trap
+from lanewise.envs.functional import EnvConfig
 from lanewise.system import pinned
 
 
-def of_actions(task: Trap) -> Discrete | Box:
+def of_actions(config: EnvConfig) -> Discrete | Box:
     """What `functional.step` takes."""
-    if isinstance(task.control, LowLevelControl):
+    if isinstance(config.control, LowLevelControl):
         return Discrete(actions.COUNT)
-    if isinstance(task.control, GoalControl):
-        return Discrete(goals.action_count(task.control.goals))
+    if isinstance(config.control, GoalControl):
+        return Discrete(goals.action_count(config.control.goals))
     return Box(-1.0, 1.0, (2,), np.float32)
 
 
@@ -29,12 +29,12 @@ def count(space: Space[Any]) -> int:
 
 
 @pinned.switches()
-def of_observations(task: Trap) -> Space[NDArray[np.float32]]:
+def of_observations(config: EnvConfig) -> Space[NDArray[np.float32]]:
     """What `functional.step` shows; without limits where a user's own function observes."""
     limit = np.inf
-    if task.rules.parts.observe is OURS.observe:
-        fine = task.rules.driving.observation.scaling == "fine"
+    if config.rules.task.observe is PAPER_TASK.observe:
+        fine = config.rules.driving.observation.scaling == "fine"
         limit = observation.FINE_LIMIT if fine else 1.0
-    size = task.rules.parts.try_out(task.scenario, task.rules.driving)
+    size = config.rules.task.validate(config.scenario, config.rules.driving)
     box: Any = Box(-limit, limit, (size,), np.float32)
     return box  # type: ignore[no-any-return]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lanewise.driving import actions, episode
 from lanewise.envs import functional, rows
-from lanewise.envs.functional import State, Trap
+from lanewise.envs.functional import EnvConfig, State
 from lanewise.envs.single import TrapEnv
 from lanewise.interop import evaluation_in_highway_env
 from lanewise.scenario import trap
@@ -46,9 +46,9 @@ class TrapHighwayEnv(TrapEnv):
             self.highway_env = None
 
     def _begin(self, seed: int, index: int) -> Any:
-        world = jax.device_get(_start(self.task, jnp.uint32(seed), jnp.int32(index)))
-        fresh = highway.live(self.task.rules.driving, world, self.task.rules.duration)
-        self._state, row = _begun(self.task, highway.read(fresh))
+        world = jax.device_get(_start(self.config, jnp.uint32(seed), jnp.int32(index)))
+        fresh = highway.live(self.config.rules.driving, world, self.config.rules.duration)
+        self._state, row = _begun(self.config, highway.read(fresh))
         self._let_go()
         self.highway_env = fresh
         return row
@@ -56,33 +56,33 @@ class TrapHighwayEnv(TrapEnv):
     def _decide(self, action: NDArray[Any]) -> Any:
         self.highway_env.step(int(action))
         self._state, row = _evaluated(
-            self.task, self._state, highway.read(self.highway_env), action
+            self.config, self._state, highway.read(self.highway_env), action
         )
         return row
 
 
 @pinned.jit(static_argnums=0)
-def _start(task: Trap, seed: Array, index: Array) -> World:
+def _start(config: EnvConfig, seed: Array, index: Array) -> World:
     """Start ``index`` of a seed."""
-    return task.rules.parts.start(
-        task.scenario, trap.start_key(seed, task.split, index), task.split
+    return config.rules.task.start(
+        config.scenario, trap.start_key(seed, config.split, index), config.split
     )
 
 
 @pinned.jit(static_argnums=0)
-def _begun(task: Trap, world: World) -> tuple[State, Array]:
+def _begun(config: EnvConfig, world: World) -> tuple[State, Array]:
     """(state, row) at the start."""
-    state, shown = functional.start(task, world)
+    state, shown = functional.start(config, world)
     return state, rows.pack(shown)
 
 
 @pinned.jit(static_argnums=0)
-def _evaluated(task: Trap, state: State, world: World, action: Array) -> tuple[State, Array]:
+def _evaluated(config: EnvConfig, state: State, world: World, action: Array) -> tuple[State, Array]:
     """(state, row) after a decision that highway-env simulated."""
-    rules = task.rules
+    rules = config.rules
     _, steering = actions.commands(rules.driving.actions, action, world.vehicles.x.dtype)
     after = episode.evaluate_step(
-        rules.driving, state.episode, world, steering, rules.duration, rules.parts
+        rules.driving, state.episode, world, steering, rules.duration, rules.task
     )
-    state, shown = functional.after_step(task, after, state.memory, after.outcome.reward)
+    state, shown = functional.after_step(config, after, state.memory, after.outcome.reward)
     return state, rows.pack(shown)

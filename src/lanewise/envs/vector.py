@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from lanewise.driving import restarting
 from lanewise.driving.actions import checked
 from lanewise.envs import functional, rows, single, spaces
-from lanewise.envs.functional import State, Trap
+from lanewise.envs.functional import EnvConfig, State
 from lanewise.envs.keywords import plain
 from lanewise.envs.starts import Starts, mapping
 from lanewise.fields.ranges import Between, FieldType
@@ -81,12 +81,12 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
             autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
         )
         self.mode = look_up("autoreset_mode", given, modes)
-        self.task = functional.make(self.actions, **settings)
+        self.config = functional.make(self.actions, **settings)
         self.num_envs = num_envs
         self.render_mode = render_mode
-        self.metadata = single.metadata(self.task) | {"autoreset_mode": self.mode}
-        self.single_action_space = spaces.of_actions(self.task)
-        self.single_observation_space = spaces.of_observations(self.task)
+        self.metadata = single.metadata(self.config) | {"autoreset_mode": self.mode}
+        self.single_action_space = spaces.of_actions(self.config)
+        self.single_observation_space = spaces.of_observations(self.config)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._starts = Starts.none(num_envs)
@@ -118,10 +118,10 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
             raise ResetNeeded("the first reset() is of all environments, without a reset_mask")
         starts = self._starts.turned(which, seed, others)
         if self._states is None or which.all():
-            states, found = _reset(self.task, starts.seeds, starts.indices)
+            states, found = _reset(self.config, starts.seeds, starts.indices)
         else:
             states, found = _reset_some(
-                self.task, self._states, starts.seeds, starts.indices, which
+                self.config, self._states, starts.seeds, starts.indices, which
             )
         super().reset(seed=None if seed is None else starts.first[0])
         self._states, self._starts = states, starts
@@ -157,7 +157,7 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
             AutoresetMode.DISABLED: _step,
         }
         self._states, found, last = restarts[self.mode](
-            *(self.task, self._states, given, before.seeds, before.indices + 1),
+            *(self.config, self._states, given, before.seeds, before.indices + 1),
             late if at_once else self._over,
         )
         self._observations, facts = rows.unpack(found)
@@ -191,7 +191,7 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
         states = jax.device_get(self._states)
         return tuple(
             rendering.picture(
-                self.task,
+                self.config,
                 jax.tree.map(lambda leaf, place=place: leaf[place], states),
                 success=bool(self._info["is_success"][place]),
                 accident=int(self._info["accident"][place]),
@@ -251,11 +251,11 @@ def _final(last: Array, starts: Starts, done: Booleans) -> Info:
     }
 
 
-def _fresh(task: Trap, seeds: Array, indices: Array) -> tuple[State, Array]:
+def _fresh(config: EnvConfig, seeds: Array, indices: Array) -> tuple[State, Array]:
     """([W] states at these starts, [W, n + 8] rows)."""
 
     def one(seed: Array, index: Array) -> tuple[State, Array]:
-        state, shown = functional.reset(task, trap.start_key(seed, task.split, index))
+        state, shown = functional.reset(config, trap.start_key(seed, config.split, index))
         return state, rows.pack(shown)
 
     found: tuple[State, Array] = jax.vmap(one)(seeds, indices)
@@ -263,20 +263,20 @@ def _fresh(task: Trap, seeds: Array, indices: Array) -> tuple[State, Array]:
 
 
 def _where(
-    task: Trap, which: Array, states: State, found: Array, seeds: Array, indices: Array
+    config: EnvConfig, which: Array, states: State, found: Array, seeds: Array, indices: Array
 ) -> tuple[State, Array]:
     """States and rows, fresh ones where ``which``."""
     after: tuple[State, Array] = restarting.restart_finished(
-        which, (states, found), lambda over: _fresh(task, seeds[over], indices[over])
+        which, (states, found), lambda over: _fresh(config, seeds[over], indices[over])
     )
     return after
 
 
-def _stepped(task: Trap, states: State, actions: Array) -> tuple[State, Array]:
+def _stepped(config: EnvConfig, states: State, actions: Array) -> tuple[State, Array]:
     """Every environment one step further."""
 
     def one(state: State, action: Array) -> tuple[State, Array]:
-        state, shown = functional.step(task, state, action)
+        state, shown = functional.step(config, state, action)
         return state, rows.pack(shown)
 
     found: tuple[State, Array] = jax.vmap(one)(states, actions)
@@ -284,16 +284,16 @@ def _stepped(task: Trap, states: State, actions: Array) -> tuple[State, Array]:
 
 
 @pinned.jit(static_argnums=0)
-def _reset(task: Trap, seeds: Array, indices: Array) -> tuple[State, Array]:
-    return _fresh(task, seeds, indices)
+def _reset(config: EnvConfig, seeds: Array, indices: Array) -> tuple[State, Array]:
+    return _fresh(config, seeds, indices)
 
 
 @pinned.jit(static_argnums=0)
 def _reset_some(
-    task: Trap, states: State, seeds: Array, indices: Array, which: Array
+    config: EnvConfig, states: State, seeds: Array, indices: Array, which: Array
 ) -> tuple[State, Array]:
-    size = jax.eval_shape(partial(_fresh, task), seeds, indices)[1]
-    return _where(task, which, states, jnp.zeros(size.shape, size.dtype), seeds, indices)
+    size = jax.eval_shape(partial(_fresh, config), seeds, indices)[1]
+    return _where(config, which, states, jnp.zeros(size.shape, size.dtype), seeds, indices)
 
 
 Stepped = tuple[State, Array, Array]
@@ -302,35 +302,35 @@ Stepped = tuple[State, Array, Array]
 
 @pinned.jit(static_argnums=0)
 def _step(
-    task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
+    config: EnvConfig, states: State, actions: Array, seeds: Array, following: Array, over: Array
 ) -> Stepped:
     """No restarts."""
-    states, found = _stepped(task, states, actions)
+    states, found = _stepped(config, states, actions)
     return states, found, found
 
 
 @pinned.jit(static_argnums=0)
 def _step_or_restart(
-    task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
+    config: EnvConfig, states: State, actions: Array, seeds: Array, following: Array, over: Array
 ) -> Stepped:
     """Restarts where the episode was over before the step."""
-    states, found = _stepped(task, states, actions)
-    states, shown = _where(task, over, states, found, seeds, following)
+    states, found = _stepped(config, states, actions)
+    states, shown = _where(config, over, states, found, seeds, following)
     return states, shown, found
 
 
 @pinned.jit(static_argnums=0)
 def _step_and_restart(
-    task: Trap, states: State, actions: Array, seeds: Array, following: Array, over: Array
+    config: EnvConfig, states: State, actions: Array, seeds: Array, following: Array, over: Array
 ) -> Stepped:
     """Restarts where the step ended the episode, or too many steps did: those are ``over``.
 
     The step's reward and ending are still told.
     """
-    states, found = _stepped(task, states, actions)
+    states, found = _stepped(config, states, actions)
     # Reward, terminated and truncated; what stands behind them is the fresh episode's.
     told = slice(-len(rows.FACTS), -len(rows.INFO))
     _, terminated, truncated = found[:, told].T
     ended = ((terminated + truncated) > 0) | over
-    states, shown = _where(task, ended, states, found, seeds, following)
+    states, shown = _where(config, ended, states, found, seeds, following)
     return states, shown.at[:, told].set(found[:, told]), found

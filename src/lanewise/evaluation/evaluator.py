@@ -18,9 +18,9 @@ from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Controller, Memory, Parameters, Trace
 from lanewise.driving import actions, episode, percept
 from lanewise.driving.episode import Episode, EpisodeStats
-from lanewise.driving.parts import OURS, Parts
 from lanewise.driving.percept import Percept
 from lanewise.driving.settings import DrivingSettings
+from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions
 from lanewise.errors import NumbersError
 from lanewise.evaluation import concurrent
 from lanewise.evaluation.episodes import Episodes
@@ -46,7 +46,7 @@ class EvaluationConfig:
     """Which starts: ``test``, or ``validation``, or ``training``."""
     at_once: int = BLOCK
     """Episodes of a block driven at once; fewer for a controller that needs much memory."""
-    parts: Parts = OURS
+    task: TaskFunctions = PAPER_TASK
     """How episodes start, and what is observed, rewarded and counted as success."""
 
 
@@ -171,7 +171,7 @@ def start(config: EvaluationConfig, seed: int, index: int) -> World:
 def start_block(config: EvaluationConfig, seed: int, first: int) -> World:
     """Starts ``first`` to ``first + BLOCK - 1``."""
     # Compiled once for all tests that start alike.
-    worlds: World = _start_block(config.parts.start, config.scenario, config.split, seed, first)
+    worlds: World = _start_block(config.task.start, config.scenario, config.split, seed, first)
     return worlds
 
 
@@ -243,7 +243,7 @@ def step(config: EvaluationConfig, drive: Drive, memory: Memory, action: Array) 
     """
     commands = actions.of_any(config.driving.actions, action, drive.percept.x.dtype)
     after = episode.step_with_commands(
-        config.driving, drive.episode, *commands, config.duration, config.parts
+        config.driving, drive.episode, *commands, config.duration, config.task
     )
     return _next(config, drive, memory, after)
 
@@ -254,7 +254,7 @@ def conclude(
     """As `step`, given the world after the decision, which another simulator has made."""
     _, steering = actions.of_any(config.driving.actions, action, drive.percept.x.dtype)
     after = episode.evaluate_step(
-        config.driving, drive.episode, world, steering, config.duration, config.parts
+        config.driving, drive.episode, world, steering, config.duration, config.task
     )
     return _next(config, drive, memory, after)
 
@@ -269,7 +269,7 @@ def _next(config: EvaluationConfig, drive: Drive, memory: Memory, after: Episode
 
 
 def _observe(config: EvaluationConfig, state: Episode) -> Percept:
-    return percept.perceive(config.driving.observation, state.world, config.parts)
+    return percept.perceive(config.driving.observation, state.world, config.task)
 
 
 def _privileged(seen: Percept, state: Episode) -> Percept:

@@ -14,7 +14,7 @@ from lanewise.training import recipe
 
 def evaluation_config(trained: Trained, renewal: str | None = None) -> EvaluationConfig:
     """The test of a trained controller, with its own settings."""
-    return recipe.evaluation_config(trained.settings, trained.name, renewal, trained.parts)
+    return recipe.evaluation_config(trained.settings, trained.name, renewal, trained.task)
 
 
 def evaluate(

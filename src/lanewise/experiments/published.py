@@ -20,15 +20,15 @@ def belongs_to_test(name: str) -> bool:
     return (_of_the_task(name) and not name.startswith(TRAINING_STARTS)) or name == DURATION
 
 
-def unlike_test(settings: Settings, parts: Iterable[str] = (), split: str = "test") -> str:
+def unlike_test(settings: Settings, task: Iterable[str] = (), split: str = "test") -> str:
     """What makes a test another than the published ones; empty where nothing does.
 
     Args:
         settings: tested with.
-        parts: names of the user's own functions (`driving.parts.Parts.names`).
+        task: names of the user's own functions (`driving.task_functions.TaskFunctions.names`).
         split: of its starts.
     """
-    for own in parts:
+    for own in task:
         return own
     if split != "test":
         return f"its starts are those of {split}"

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lanewise.controllers.controller import Parameters
-from lanewise.driving.parts import OURS, Parts
+from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions
 from lanewise.errors import NumbersError, RunError
 from lanewise.runs import checkpoint, pytree_io, run_state
 from lanewise.runs.run_folder import RunFolder
@@ -117,7 +117,7 @@ def save(
         "controller": folder.controller,
         "seed": folder.seed,
         "settings_digest": folder.digest,
-        "parts": list(folder.parts),
+        "task_functions": list(folder.task),
         "lanewise": __version__,
         "jax": jax.__version__,
     }
@@ -132,26 +132,26 @@ def save(
     )
 
 
-def find_first_nonfinite(path: Path | str, parts: Parts = OURS) -> FirstNonfinite:
+def find_first_nonfinite(path: Path | str, task: TaskFunctions = PAPER_TASK) -> FirstNonfinite:
     """Drive once more through the chunk in which a training's numbers stopped being finite.
 
     Iteration by iteration; compiled that way, last digits may differ from those of a whole chunk.
 
     Args:
         path: the run folder.
-        parts: the user's own functions it is trained with.
+        task: the user's own functions it is trained with.
 
     Raises:
-        RunError: the run did not diverge, or was made with other parts.
+        RunError: the run did not diverge, or was made with other task functions.
         CheckpointError: what was kept is damaged.
         NumbersError: this time all numbers are finite.
     """
     folder = RunFolder.open(Path(path))
-    folder.check_parts(parts.names())
+    folder.check_parts(task.names())
     place = folder.path / FOLDER
     if not (place / f"{BEFORE}.json").exists():
         raise RunError(f"{folder.path} holds no training whose numbers went wrong")
-    training = TrainingPlan.build(folder.settings, folder.controller, parts)
+    training = TrainingPlan.build(folder.settings, folder.controller, task)
     meta = checkpoint.read_meta(place, BEFORE, folder.digest)
     index, chunk = meta["stage"], meta["chunks"] + 1
     shapes = training.progress(index)["state"]

@@ -66,8 +66,8 @@ class RunFolder:
     """Seed of everything random."""
     digest: str
     """SHA-256 of the settings file, which every file of the run carries."""
-    parts: tuple[str, ...] = ()
-    """Names of the user's own functions it is trained with (`driving.parts.Parts.names`)."""
+    task: tuple[str, ...] = ()
+    """Names of the user's own functions it is trained with (`TaskFunctions.names`)."""
     compiler: tuple[str, ...] = ()
     """Compiler switches it was made with (`compiler_switches`)."""
     source: Mapping[str, Any] = field(default_factory=dict)
@@ -81,7 +81,7 @@ class RunFolder:
         settings: Settings,
         controller: str,
         seed: int,
-        parts: tuple[str, ...] = (),
+        task: tuple[str, ...] = (),
         observed: int = validation.FEATURES,
     ) -> "RunFolder":
         """Make a run in a new or empty folder and lock it.
@@ -91,7 +91,7 @@ class RunFolder:
             settings: all of them.
             controller: what is trained.
             seed: of everything random.
-            parts: names of the user's own functions.
+            task: names of the user's own functions.
             observed: how many numbers a controller observes.
 
         Raises:
@@ -105,7 +105,7 @@ class RunFolder:
         _check_seed(seed, "")
         held = make_locked(path, "training")
         digest = config.digest(settings)
-        folder = cls(name, settings, controller, seed, digest, parts, compiler_switches())
+        folder = cls(name, settings, controller, seed, digest, task, compiler_switches())
         folder._held = held
         try:
             # Whoever had the lock just before may have made a run meanwhile.
@@ -132,7 +132,7 @@ class RunFolder:
             manifest["controller"],
             manifest["seed"],
             manifest["settings_digest"],
-            tuple(manifest.get("parts", ())),
+            tuple(manifest.get("task_functions", ())),
             tuple(manifest.get("compiler", ())),
             version.recorded(manifest),
         )
@@ -199,21 +199,21 @@ class RunFolder:
         """The file of wall-clock times."""
         return self.path / "timings.jsonl"
 
-    def check_parts(self, parts: tuple[str, ...]) -> None:
+    def check_parts(self, task: tuple[str, ...]) -> None:
         """Refuse to go on with functions of other names than the run was made with.
 
         Raises:
             RunError: names those it was made with.
         """
-        if self.parts == parts:
+        if self.task == task:
             return
-        made = "; ".join(self.parts) or "no parts of the user's own"
+        made = "; ".join(self.task) or "no task functions of the user's own"
         remedy = (
-            "give the same functions: lanewise.evaluate(run, parts=...), "
-            "lanewise.train(..., parts=...)"
+            "give the same functions: lanewise.evaluate(run, task=...), "
+            "lanewise.train(..., task=...)"
         )
-        if not self.parts:
-            remedy = f"leave out {'; '.join(parts)}"
+        if not self.task:
+            remedy = f"leave out {'; '.join(task)}"
         raise RunError(f"{self.path} was made with {made}\n  {remedy}")
 
     def other_code(self) -> str:
@@ -249,7 +249,7 @@ class RunFolder:
             "settings_digest": self.digest,
             "lanewise": version.__version__,
             **self.source,
-            **({"parts": list(self.parts)} if self.parts else {}),
+            **({"task_functions": list(self.task)} if self.task else {}),
             **({"compiler": list(self.compiler)} if self.compiler else {}),
             "created": datetime.now(UTC).isoformat(timespec="seconds"),
         }
@@ -279,22 +279,22 @@ def stages_of(path: Path) -> Path:
     return path / STAGES
 
 
-def open_high_level(source: Path, settings: Settings, parts: tuple[str, ...] = ()) -> RunFolder:
+def open_high_level(source: Path, settings: Settings, task: tuple[str, ...] = ()) -> RunFolder:
     """The run whose step 1 is to be taken over, once its high level is sure to fit.
 
     Args:
         source: its folder.
         settings: of the run that takes it over.
-        parts: names of the user's own functions that this run is trained with.
+        task: names of the user's own functions that this run is trained with.
 
     Raises:
         RunError: it has no finished step 1, or the two high levels differ in shape or in what they
-            observe, or it was trained with other parts.
+            observe, or it was trained with other task functions.
     """
     lender = RunFolder.open(source)
     if not os.path.lexists(lender.stages / f"{STEP_1.name}.json"):
         raise RunError(f"{source} has no finished {STEP_1.name}: it cannot lend its high level")
-    lender.check_parts(parts)
+    lender.check_parts(task)
     try:
         validation.check_high_level(lender.settings, settings)
     except SettingsError as error:

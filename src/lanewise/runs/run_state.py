@@ -160,7 +160,7 @@ def transfer_high_level(folder: RunFolder, plan: TrainingPlan, source: Path) -> 
     name = STEP_1.name
     if has_stage(folder, name):
         raise RunError(f"{folder.path} has its own step 1 already; resume it without --high-level")
-    lender = open_high_level(source, folder.settings, plan.parts.names())
+    lender = open_high_level(source, folder.settings, plan.task.names())
     meta = {
         "taken_from_seed": lender.seed,
         "taken_from_settings": lender.digest,

@@ -54,7 +54,7 @@ def train(
 
     Args:
         folder: a locked run folder, new or stopped.
-        plan: of the folder's settings and controller, with the parts it was made with.
+        plan: of the folder's settings and controller, with the task functions it was made with.
         reporter: shows how far the training is.
         high_level: a run whose step-1 result is taken over, or None.
         tensorboard: whether to write TensorBoard's events too.
@@ -65,7 +65,7 @@ def train(
         CheckpointError: a stored file is damaged beyond falling back.
         NumbersError: a number is not finite; see `divergence`.
     """
-    folder.check_parts(plan.parts.names())
+    folder.check_parts(plan.task.names())
     if run_state.is_finished(folder):
         test = shell_line("lanewise", "evaluate", folder.path)
         raise RunError(f"{folder.path} is finished; {test} tests it")

@@ -8,7 +8,7 @@ import jax
 
 from lanewise.controllers.controller import Parameters
 from lanewise.controllers.registry import CONTROLLERS
-from lanewise.driving.parts import OURS, Parts, named
+from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions, named
 from lanewise.errors import SettingsError
 from lanewise.evaluation import evaluator
 from lanewise.learning import network
@@ -26,14 +26,14 @@ class TrainingPlan:
     settings: RecipeSettings
     controller: str
     """What is trained: a name in `lanewise.controllers.registry.TRAINABLE`."""
-    parts: Parts
+    task: TaskFunctions
     """The user's own functions."""
     stages: tuple[StagePlan, ...]
     """In order; a later one finds the levels of the earlier ones frozen."""
 
     @classmethod
     def build(
-        cls, settings: RecipeSettings, controller: str, parts: Parts = OURS
+        cls, settings: RecipeSettings, controller: str, task: TaskFunctions = PAPER_TASK
     ) -> "TrainingPlan":
         """The plan of a controller's training.
 
@@ -43,15 +43,15 @@ class TrainingPlan:
         stages = tuple(
             StagePlan(
                 name=each.name,
-                config=recipe.stage_config(settings, each, parts),
-                validation=recipe.validation_config(settings, each, parts),
+                config=recipe.stage_config(settings, each, task),
+                validation=recipe.validation_config(settings, each, task),
                 validation_episodes=settings.evaluation.validation_episodes,
                 validation_interval=settings.evaluation.validation_interval,
                 fresh_episodes=settings.evaluation.fresh_episodes,
             )
             for each in CONTROLLERS[controller].stages
         )
-        return cls(settings, controller, parts, stages)
+        return cls(settings, controller, task, stages)
 
     @cached_property
     def weights(self) -> dict[str, Parameters]:
@@ -94,17 +94,17 @@ class TrainingPlan:
             SettingsError: a function fails, or returns something else than it must.
         """
         scenario, driving = self.settings.scenario, self.settings.driving
-        observed = self.parts.try_out(scenario, driving)
-        if not self.parts.names():
+        observed = self.task.validate(scenario, driving)
+        if not self.task.names():
             return observed
         for split in SPLITS:
-            length = self.parts.try_out(scenario, driving, split)
+            length = self.task.validate(scenario, driving, split)
             if length != observed:
                 raise SettingsError(
-                    f"{self.parts.called('observe')} returns {observed} numbers in training and "
+                    f"{self.task.called('observe')} returns {observed} numbers in training and "
                     f"{length} in {split}; it must return as many"
                 )
-        with named(f"{'; '.join(self.parts.names())} (in a training)"):
+        with named(f"{'; '.join(self.task.names())} (in a training)"):
             for index, each in enumerate(self.stages):
                 state, frozen = self.progress(index)["state"], self.frozen(index)
                 jax.eval_shape(partial(stage.advance, each.config), frozen, state)

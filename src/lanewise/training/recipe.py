@@ -11,8 +11,8 @@ from lanewise.controllers import registry
 from lanewise.controllers.controller import Controller
 from lanewise.controllers.registry import CONTROLLERS, Stage
 from lanewise.controllers.settings import GoalSettings, PlannerSettings, SearchSettings
-from lanewise.driving.parts import OURS, Parts
 from lanewise.driving.settings import DrivingSettings
+from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions
 from lanewise.evaluation.evaluator import BLOCK, EvaluationConfig
 from lanewise.evaluation.settings import EvaluationSettings
 from lanewise.scenario.settings import TrapSettings
@@ -78,10 +78,10 @@ HELD = "critic"
 
 
 def controller(
-    settings: RecipeSettings, name: str, renewal: str, parts: Parts = OURS
+    settings: RecipeSettings, name: str, renewal: str, task: TaskFunctions = PAPER_TASK
 ) -> Controller:
     """The controller of a name, with goals renewed as ``renewal`` says."""
-    observed = parts.try_out(settings.scenario, settings.driving)
+    observed = task.validate(settings.scenario, settings.driving)
     made: Controller = registry.make(name, settings, renewal, observed)
     return made
 
@@ -98,7 +98,9 @@ def learning(settings: RecipeSettings, stage: Stage) -> tuple[tuple[str, LevelSe
     return tuple((name, attrgetter(section)(settings)) for name, section in sections)
 
 
-def stage_config(settings: RecipeSettings, stage: Stage, parts: Parts = OURS) -> StageConfig:
+def stage_config(
+    settings: RecipeSettings, stage: Stage, task: TaskFunctions = PAPER_TASK
+) -> StageConfig:
     """The static part of a stage.
 
     `GoalSettings.training_renewal` speaks of step 2; elsewhere goals are held by the critic.
@@ -108,22 +110,25 @@ def stage_config(settings: RecipeSettings, stage: Stage, parts: Parts = OURS) ->
     return StageConfig(
         scenario=settings.scenario,
         driving=settings.driving,
-        controller=controller(settings, stage.controller, renewal, parts),
+        controller=controller(settings, stage.controller, renewal, task),
         budget=budget(settings, stage),
         learning=learning(settings, stage),
-        parts=parts,
+        task=task,
     )
 
 
 def validation_config(
-    settings: RecipeSettings, stage: Stage, parts: Parts = OURS
+    settings: RecipeSettings, stage: Stage, task: TaskFunctions = PAPER_TASK
 ) -> EvaluationConfig:
     """Greedy episodes on validation starts, by which a stage's weights are chosen."""
-    return replace(evaluation_config(settings, stage.controller, parts=parts), split="validation")
+    return replace(evaluation_config(settings, stage.controller, task=task), split="validation")
 
 
 def evaluation_config(
-    settings: RecipeSettings, name: str, renewal: str | None = None, parts: Parts = OURS
+    settings: RecipeSettings,
+    name: str,
+    renewal: str | None = None,
+    task: TaskFunctions = PAPER_TASK,
 ) -> EvaluationConfig:
     """Greedy test episodes of a controller.
 
@@ -138,10 +143,10 @@ def evaluation_config(
     return EvaluationConfig(
         scenario=scenario,
         driving=settings.driving,
-        controller=controller(settings, name, renewal, parts),
+        controller=controller(settings, name, renewal, task),
         duration=test_duration(settings),
         at_once=1 if spec.drives_one_at_a_time else BLOCK,
-        parts=parts,
+        task=task,
     )
 
 

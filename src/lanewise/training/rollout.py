@@ -13,9 +13,9 @@ from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Controller, Level, Parameters
 from lanewise.driving import episode, percept
 from lanewise.driving.episode import Episode
-from lanewise.driving.parts import OURS, Parts
 from lanewise.driving.percept import Percept
 from lanewise.driving.settings import DrivingSettings
+from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions
 from lanewise.learning import exploration, network
 from lanewise.scenario.settings import TrapSettings
 from lanewise.training import transitions
@@ -48,7 +48,7 @@ class StageConfig:
     budget: BudgetSettings
     learning: tuple[tuple[str, LevelSettings], ...]
     """The levels that learn, in the order in which they choose, and how."""
-    parts: Parts = OURS
+    task: TaskFunctions = PAPER_TASK
     """How episodes start, and what is seen, paid and counted as success."""
 
     @property
@@ -73,8 +73,8 @@ class StageConfig:
 
 def begin(config: StageConfig, parameters: Parameters, key: Array) -> Rollout:
     """A fresh training episode."""
-    state = episode.begin(config.parts.start(config.scenario, key, "training"))
-    seen = percept.perceive(config.driving.observation, state.world, config.parts)
+    state = episode.begin(config.task.start(config.scenario, key, "training"))
+    seen = percept.perceive(config.driving.observation, state.world, config.task)
     controller = config.controller
     memory = controller.perceive(controller.start(seen), seen)
     return Rollout(
@@ -112,10 +112,10 @@ def step(
     before = controller.feedback(memory, rollout.percept).distance
     action, memory = controller.act(memory, rollout.percept)
     state = episode.step(
-        config.driving, rollout.episode, action, config.budget.duration, config.parts
+        config.driving, rollout.episode, action, config.budget.duration, config.task
     )
     outcome = state.outcome
-    seen = percept.perceive(config.driving.observation, state.world, config.parts)
+    seen = percept.perceive(config.driving.observation, state.world, config.task)
     feedback = controller.feedback(memory, seen)
     memory = _settle(config, parameters, controller.perceive(memory, seen), seen)
 

@@ -101,14 +101,14 @@ def weighted(weight, settings, world, steering, accident, more=0.0):
     return jnp.where(accident, -weight, more)
 
 
-PARTS = lanewise.Parts(observe=place_and_speed, reward=hurry, success=started)
+PARTS = lanewise.TaskFunctions(observe=place_and_speed, reward=hurry, success=started)
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """Both steps."""
     path = tmp_path_factory.mktemp("own") / "run"
-    assert lanewise.train(path, parts=PARTS, seed=2, **FLAGS) == path
+    assert lanewise.train(path, task=PARTS, seed=2, **FLAGS) == path
     return path
 
 
@@ -119,27 +119,29 @@ def test_it_is_trained_and_tested_with_them(run):
         paid = 0.25 * episode["decisions"] - (2.25 if episode["accident"] != "none" else 0.0)
         assert episode["reward"] == pytest.approx(paid)
         assert episode["success"] == (episode["accident"] == "none")
-    found = lanewise.evaluate(run, parts=PARTS, episodes=4)
+    found = lanewise.evaluate(run, task=PARTS, episodes=4)
     assert (found.episodes.success == (found.episodes.accident == 0)).all()
     assert found.record(0).controller == "hierarchical"
 
 
 @pytest.mark.slow
 def test_it_is_not_mistaken_for_another(run, capsys, tmp_path):
-    with pytest.raises(RunError, match=r"made with observe: test_own_parts\.place_and_speed; rew"):
+    with pytest.raises(
+        RunError, match=r"made with observe: test_own_task_functions\.place_and_speed; rew"
+    ):
         lanewise.evaluate(run)
     with pytest.raises(RunError, match="give the same functions"):
-        lanewise.evaluate(run, parts=lanewise.Parts(reward=hurry))
+        lanewise.evaluate(run, task=lanewise.TaskFunctions(reward=hurry))
     assert main(["evaluate", str(run)]) == 2
-    assert "test_own_parts.hurry" in capsys.readouterr().err
-    with pytest.raises(RunError, match="no parts of the user's own"):
-        lanewise.evaluate("pretrained/single-level", parts=PARTS)
+    assert "test_own_task_functions.hurry" in capsys.readouterr().err
+    with pytest.raises(RunError, match="no task functions of the user's own"):
+        lanewise.evaluate("pretrained/single-level", task=PARTS)
     with pytest.raises(RunError, match="finished"):
-        lanewise.train(run, parts=PARTS, resume=True)
+        lanewise.train(run, task=PARTS, resume=True)
 
 
 @pytest.mark.parametrize(
-    ("parts", "said"),
+    ("task", "said"),
     [
         ({"reward": lambda *given: 0.25j}, "must return one real number"),
         ({"observe": lambda settings, world: jnp.zeros(0)}, "from 1 to 65,536 numbers, not 0"),
@@ -151,13 +153,13 @@ def test_it_is_not_mistaken_for_another(run, capsys, tmp_path):
         ({"reward": FailsLater(2)}, "reward: FailsLater fails: once too often"),
         (
             {"reward": FailsLater(6)},
-            r"reward: test_own_parts.FailsLater \(in a training\) fails: once too often",
+            r"reward: test_own_task_functions.FailsLater \(in a training\) fails: once too often",
         ),
     ],
     ids=["complex", "nothing", "splits", "lengths", "third trace", "seventh trace"],
 )
-def test_parts_are_tried_in_full_before_a_run_is_made(tmp_path, parts, said):
-    given = {"parts": lanewise.Parts(**parts), "quiet": True}
+def test_parts_are_tried_in_full_before_a_run_is_made(tmp_path, task, said):
+    given = {"task": lanewise.TaskFunctions(**task), "quiet": True}
     with pytest.raises(SettingsError, match=said) as refused:
         lanewise.train(tmp_path / "run", "single-level", **given, **FLAGS)
     assert len(str(refused.value).splitlines()) == 1
@@ -167,9 +169,9 @@ def test_parts_are_tried_in_full_before_a_run_is_made(tmp_path, parts, said):
 @pytest.mark.slow
 def test_memory_is_asked_for_what_is_observed(tmp_path, monkeypatch):
     monkeypatch.setattr(process, "total_memory", lambda: 1 << 25)
-    wide = lanewise.Parts(observe=lambda settings, world: jnp.zeros(60_000))
+    wide = lanewise.TaskFunctions(observe=lambda settings, world: jnp.zeros(60_000))
     with pytest.raises(SettingsError, match=r"the machine has 0\.0 GiB; 60,000 numbers are"):
-        lanewise.train(tmp_path / "run", "single-level", parts=wide, quiet=True, **FLAGS)
+        lanewise.train(tmp_path / "run", "single-level", task=wide, quiet=True, **FLAGS)
     assert not (tmp_path / "run").exists()
 
 
@@ -198,12 +200,12 @@ def test_functions_of_every_kind_have_a_name_that_stays():
         (Weighted(0.5).__call__, "Weighted.__call__"),
         (jax.jit(hurry), "hurry"),
     ):
-        (found,) = lanewise.Parts(reward=function).names()
-        assert found.startswith(f"reward: test_own_parts.{name}")
-    parts = lanewise.Parts(reward=partial(weighted, 2.0))
-    assert parts.try_out(TrapSettings(), DrivingSettings()) == 26
+        (found,) = lanewise.TaskFunctions(reward=function).names()
+        assert found.startswith(f"reward: test_own_task_functions.{name}")
+    task = lanewise.TaskFunctions(reward=partial(weighted, 2.0))
+    assert task.validate(TrapSettings(), DrivingSettings()) == 26
     with pytest.raises(SettingsError, match=r"^reward: weighted\(complex\) must return one real"):
-        lanewise.evaluate(lambda seen: 4, parts=lanewise.Parts(reward=partial(weighted, 2j)))
+        lanewise.evaluate(lambda seen: 4, task=lanewise.TaskFunctions(reward=partial(weighted, 2j)))
 
 
 @pytest.mark.parametrize(
@@ -216,7 +218,7 @@ def test_functions_of_every_kind_have_a_name_that_stays():
 )
 def test_what_cannot_be_compiled_with_is_refused_when_parts_are_made(function, said):
     with pytest.raises(SettingsError, match=said) as refused:
-        lanewise.Parts(reward=function)
+        lanewise.TaskFunctions(reward=function)
     assert len(str(refused.value).splitlines()) == 1
 
 
@@ -238,8 +240,8 @@ def test_progress_is_told_unless_quiet_is_asked(tmp_path, monkeypatch, capsys, q
     [
         ({"warm_up": 3}, "may be single_level.learner.warm_up, .* give it in full"),
         ({"scenario": {"trap_sped": 3.0}}, "unknown setting"),
-        ({"parts": None}, "parts: expected lanewise.Parts"),
-        ({"parts": lanewise.Parts(reward=asks)}, "reward: asks fails: .* jnp.where"),
+        ({"task": None}, "task: expected lanewise.TaskFunctions"),
+        ({"task": lanewise.TaskFunctions(reward=asks)}, "reward: asks fails: .* jnp.where"),
         ({"controller": "single-level", "high_level": "a"}, "only hierarchical and planned"),
         ({"high_level": "none"}, "no run in"),
     ],
@@ -276,5 +278,5 @@ def test_a_file_in_the_place_of_a_folder_is_an_error(tmp_path):
 )
 def test_wrong_functions_are_refused_by_name_before_anything_is_driven(part, function, said):
     with pytest.raises(SettingsError, match=said) as caught:
-        lanewise.evaluate(lambda seen: 4, parts=lanewise.Parts(**{part: function}))
+        lanewise.evaluate(lambda seen: 4, task=lanewise.TaskFunctions(**{part: function}))
     assert len(str(caught.value).splitlines()) == 1

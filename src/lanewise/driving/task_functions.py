@@ -24,7 +24,7 @@ LONGEST = 65_536
 
 
 @dataclass(frozen=True)
-class Parts:
+class TaskFunctions:
     """How an episode starts, and what is seen, paid and counted as success. Static.
 
     Each is a pure function written for one world, to be traced by JAX and batched by ``jax.vmap``:
@@ -75,7 +75,7 @@ class Parts:
         )
 
     @pinned.switches()
-    def try_out(
+    def validate(
         self, scenario: TrapSettings, driving: DrivingSettings, split: str = "training"
     ) -> int:
         """Try the user's own functions, each traced alone: a mistake shows at once, under its name.
@@ -131,7 +131,7 @@ class Parts:
 
     def _check_trap(self, scenario: TrapSettings, split: str) -> None:
         """Refuses the paper's success in a world without trap cars."""
-        if self.start is OURS.start or self.success is not OURS.success:
+        if self.start is PAPER_TASK.start or self.success is not PAPER_TASK.success:
             return
         with named(self.called("start")):
             cars = _trap_cars(self.start, scenario, split, jax.random.key(0))
@@ -230,16 +230,16 @@ def _kind(value: Any) -> str:
     return f"a {type(value).__name__}"
 
 
-OURS = Parts()
+PAPER_TASK = TaskFunctions()
 """The paper's."""
 
 
-def checked(parts: Any) -> Parts:
+def checked(task: Any) -> TaskFunctions:
     """Parts that a user gave.
 
     Raises:
         SettingsError: they are something else.
     """
-    if not isinstance(parts, Parts):
-        raise SettingsError(f"parts: expected lanewise.Parts(...), got {str(parts)[:80]}")
-    return parts
+    if not isinstance(task, TaskFunctions):
+        raise SettingsError(f"task: expected lanewise.TaskFunctions(...), got {str(task)[:80]}")
+    return task
