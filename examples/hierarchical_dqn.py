@@ -3,7 +3,6 @@
 Zhang, Yurtsever and Redmill (arXiv 2501.14992). Numbers in parentheses are the paper's equations;
 "ours" marks what the paper does not have. Two slow cars box the ego in. To get out it must first
 brake and lose reward. A flat DQN does not learn that. Here a high level sets goals (lane, speed):
-
 step 1: the high level learns, while a rule-based planner drives to its goals;
 step 2: the high level is frozen, and a low level learns in the planner's place.
 
@@ -20,7 +19,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import optax
-import tyro
 from jax import Array
 
 from lanewise import TaskFunctions
@@ -347,4 +345,6 @@ def main(seed: int = 0, worlds: int = 32, decisions: tuple[int, int] = (120_000,
 
 
 if __name__ == "__main__":
+    import tyro
+
     tyro.cli(main)

@@ -184,7 +184,7 @@ def make(place: Path) -> None:
 def _fill(run, whole):
     plan = TrainingPlan.build(run.settings, run.controller)
     counters = dataclasses.asdict(
-        trainer.Ledger(3, 300, 2, (1.5, float(run.seed)), 1, (0.5,), (2,), (0.5,), 2)
+        trainer.StageCounters(3, 300, 2, (1.5, float(run.seed)), 1, (0.5,), (2,), (0.5,), 2)
     )
     with MetricsWriter(run.metrics) as metrics:
         for number in (1, 2):

@@ -47,6 +47,8 @@ def test_positive_steering_turns_to_the_right():
     world = world_of([0.0], [4.0], [10.0])
     right = actions.index(jnp.int32(0), jnp.int32(1))
     commands = actions.commands(DrivingSettings().actions, right, jnp.dtype(jnp.float32))
-    moved = bicycle.move(bicycle.command(world, *commands), motion.facing(world.vehicles), 0.1)
+    moved = bicycle.move(
+        bicycle.command(world, *commands), motion.heading_trig(world.vehicles), 0.1
+    )
     assert float(moved.vehicles.heading[0]) > 0
     assert float(moved.vehicles.y[0]) > 4.0

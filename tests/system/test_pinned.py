@@ -69,7 +69,7 @@ def pure():
 
 def trained():
     settings = config.compose(flags=small_runs.flags(1))
-    course = recipe.config(settings, recipe.RECIPES["single-level"][0])
+    course = recipe.stage_config(settings, recipe.RECIPES["single-level"][0])
     state, _ = stage.advance(course, {}, stage.begin(course, {}, pinned.key(2)))
     return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(state.learners)])
 
