@@ -18,7 +18,7 @@ def far(world):
     return world.vehicles.x[0] > jax.numpy.float32(9)
 
 def of_own_parts(_):
-    return gymnasium.make("lanewise/Trap-v0", parts=lanewise.TaskFunctions(success=far))
+    return gymnasium.make("lanewise/Trap-v0", task=lanewise.TaskFunctions(success=far))
 
 def evaluated(_):
     return lanewise.evaluate(lambda seen: 4, episodes=1, quiet=True)
