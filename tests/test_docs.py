@@ -61,7 +61,7 @@ def test_the_published_training_stands_whole_beside_ours():
         ("docs/results.md", "results/paper/report.json"),
         ("docs/results.md", "results/readings/report.json"),
         ("docs/hierarchical.md", "results/standard/report.json"),
-        ("docs/paper.md", "results/paper-literal.json"),
+        ("docs/paper.md", "results/paper-literal/report.json"),
         ("docs/ranges.md", "results/ranges/wide/map.json"),
         ("docs/ranges.md", "results/ranges/wide-traffic/map.json"),
         ("docs/ranges.md", "results/search.json"),
