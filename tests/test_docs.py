@@ -217,3 +217,18 @@ def test_the_reference_shows_every_module(room):
     for module in (ROOT / "src" / "lanewise" / room).glob("*.py"):
         if module.stem != "__init__":
             assert f"lanewise.{room}.{module.stem}\n" in shown
+
+
+def test_the_way_of_data_has_no_way_back():
+    """Each step of the table is a file that imports none of a later step."""
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    way = text.partition("## The way of data")[2].partition("\n## ")[0]
+    assert len(way.splitlines()) <= 40
+    files = re.findall(r"^\| [a-z]+ \| `([a-z_/]+)\.py`", way, re.MULTILINE)
+    assert len(files) == 11
+    modules = [file.replace("/", ".") for file in files]
+    for number, file in enumerate(files):
+        source = (ROOT / "src" / "lanewise" / f"{file}.py").read_text()
+        names = re.sub(r"from lanewise\.?([a-z_.]*) import (\w+)", r"from \1.\2", source)
+        for later in modules[number + 1 :]:
+            assert later not in names, (file, later)
