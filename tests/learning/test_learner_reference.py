@@ -4,11 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from learner_reference import Reference
 
 from lanewise.learning import learner
 from lanewise.learning.replay import Transition
 from lanewise.learning.settings import LearnerSettings
+from learner_reference import Reference
 
 INPUTS, OUTPUTS, BATCH, UPDATES = 5, 3, 16, 50
 KINDS = [(double, kind) for double in (True, False) for kind in ("moving-average", "hard-copy")]
