@@ -30,10 +30,10 @@ QUOTED = re.compile(r"`([a-z_]+(?:\.[a-z_]+)+) = [^`]*`")
 INTRODUCTION = """\
 # Settings
 
-Written by `python docs/make_settings.py` from the dataclasses; do not edit. Defaults are those of
-preset `quick` and trap `trap-10`; *row N* is that of the table in [paper.md](paper.md). On the
-command line a setting is a flag with dashes (`--scenario.trap-speed 9.5`), in a TOML file a name in
-its section. Every number is checked to be finite and in its range.
+`python docs/make_settings.py` writes this page from the dataclasses; do not edit it. Defaults are
+those of preset `quick` and trap `trap-10`. *Row N* is a row of the table in [paper.md](paper.md).
+On the command line a setting is a flag with dashes (`--scenario.trap-speed 9.5`). In a TOML file
+it is a name in its section. Every number must be finite and in its range.
 """
 
 

@@ -10,14 +10,14 @@ RENEWALS = ("critic", "timestep", "decision")
 
 @dataclass(frozen=True)
 class GoalSettings:
-    """What the high level may ask for, and when it may ask anew."""
+    """Which goals the high level may set, and when it may set a new one."""
 
     speed_step: Annotated[float, Between(0.05, 10.0, "m/s")] = 1.0
     """delta: how much one high-level action moves the target speed."""
     lowest_speed: Annotated[float, Between(0.0, 40.0, "m/s")] = 5.0
-    """Goals never ask for less."""
+    """Lowest target speed of a goal."""
     highest_speed: Annotated[float, Between(0.0, 40.0, "m/s")] = 16.0
-    """Goals never ask for more."""
+    """Highest target speed of a goal."""
     lateral_tolerance: Annotated[float, Between(0.01, 4.0, "m")] = 0.3
     """D_delta of the goal critic."""
     speed_tolerance: Annotated[float, Between(0.01, 10.0, "m/s")] = 0.3
@@ -25,7 +25,7 @@ class GoalSettings:
     time_limit: Annotated[float, Between(0.5, 1000.0, "s")] = 3.0
     """A goal not reached by then is given up (row 13)."""
     reference: Annotated[str, OneOf(("previous-goal", "current-state"))] = "previous-goal"
-    """What a new goal moves: the previous goal, or the lane and speed of the moment (row 22c)."""
+    """What a new goal moves: the previous goal, or the current lane and speed (row 22c)."""
     action_set: Annotated[str, OneOf(("joint-9", "single-5", "joint-6"))] = "joint-9"
     """High-level actions: 3x3 joint, one at a time, or 3 lateral x {slower, faster} (row 12)."""
     training_renewal: Annotated[str, OneOf(RENEWALS)] = "timestep"
@@ -38,7 +38,7 @@ class GoalSettings:
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """The search over the nine actions, a reference that sees the future."""
+    """The search over the nine actions, a reference that knows the future."""
 
     per_class: Annotated[int, Between(1, 1000)] = 3
     """Drives kept of each class of states: lane, side of its centre, speed, place beside the

@@ -44,11 +44,11 @@ class RewardSettings:
     """Weights of the reward (eq. 3-6 of the paper) and the penalty that replaces it."""
 
     speed_weight: Annotated[float, Weight] = 1.5
-    """w_v."""
+    """Weight w_v of the speed term."""
     steering_weight: Annotated[float, Weight] = 0.05
-    """w_theta."""
+    """Weight w_theta of the steering term."""
     centring_weight: Annotated[float, Weight] = 0.05
-    """w_y."""
+    """Weight w_y of the lane-centring term."""
     accident_penalty: Annotated[float, Between(0.0, 1e6)] = 10.0
     """Subtracted instead of any reward when an accident happens."""
 

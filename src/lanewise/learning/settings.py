@@ -32,11 +32,11 @@ class LearnerSettings:
     double: bool = True
     """Double DQN (van Hasselt et al. 2016) or plain DQN (row 16)."""
     discount: Annotated[float, Between(0.0, 1.0)] = 0.8
-    """gamma."""
+    """Discount gamma."""
     learning_rate: Annotated[float, Between(1e-8, 1.0)] = 1e-3
     """Adam's step size."""
     final_learning_rate: Annotated[float, Between(1e-8, 1.0)] = 1e-4
-    """Adam's step size once it has fallen, linearly, over `learning_rate_decay` updates."""
+    """Adam's step size after a linear fall over `learning_rate_decay` updates."""
     learning_rate_decay: Annotated[int, Between(0, 1_000_000_000)] = 0
     """Updates over which the step size falls from `learning_rate` to `final_learning_rate`;
     0 keeps it constant."""

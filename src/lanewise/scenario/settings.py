@@ -59,11 +59,11 @@ class TrapSettings:
     trap_speed: Annotated[float, TrapSpeed] = 10.0
     """Speed of both trap cars, all episode long."""
     training_ego_speed: Annotated[tuple[float, ...], EgoSpeed, OrNone(2)] = ()
-    """The ego's speed in training and validation: uniform between the two; none: as in tests."""
+    """The ego's speed in training and validation: uniform between the two; empty: as in tests."""
     training_trap_speed: Annotated[tuple[float, ...], TrapSpeed, OrNone(2)] = ()
-    """Speed of the trap in training and validation: uniform between the two; none: as in tests."""
+    """Speed of the trap in training and validation: uniform between the two; empty: as in tests."""
     training_lanes: Annotated[tuple[int, ...], Lanes, OrNone(2)] = ()
-    """Number of lanes in training and validation: uniform from the first to the second; none: as
+    """Number of lanes in training and validation: uniform from the first to the second; empty: as
     in tests."""
     training_front_distance: Annotated[tuple[float, float], FrontDistance] = (
         14.80,

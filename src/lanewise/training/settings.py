@@ -9,7 +9,7 @@ from lanewise.learning.settings import ExplorationSettings, LearnerSettings
 
 @dataclass(frozen=True)
 class BudgetSettings:
-    """How long a stage drives, and which weights it hands on."""
+    """How long a stage drives, and which weights it keeps."""
 
     episodes: Annotated[int, Between(0, 10_000_000)] = 0
     """Stop when this many episodes are complete; 0 for no such limit."""
@@ -20,7 +20,7 @@ class BudgetSettings:
     worlds: Annotated[int, Between(1, 65_536)] = 32
     """Worlds driven at once."""
     keep: Annotated[str, OneOf(("best-training", "best-validation", "last"))] = "best-validation"
-    """Which weights the stage hands on: best mean reward over 10 training episodes (the paper's
+    """Which weights the stage keeps: best mean reward over 10 training episodes (the paper's
     rule for step 1), the median of the best five validations in a row, or the last."""
 
 

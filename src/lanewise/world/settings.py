@@ -38,7 +38,7 @@ class DriverSettings:
     imposed_braking: Annotated[float, Between(0.0, 20.0, "m/s^2")] = 2.0
     """MOBIL safety: the hardest braking a change may force on the new rear vehicle."""
     change_delay: Annotated[float, Between(0.001, 60.0, "s")] = 1.0
-    """A driver thinks about a lane change when its timer is strictly above this. In float32, delays
+    """A driver considers a lane change when its timer is strictly above this. In float32, delays
     other than 1 s may end a tick apart from highway-env (`timer-in-float32` in numerics.md)."""
     acceleration_limit: Annotated[float, Between(0.0, 20.0, "m/s^2")] = 1.0
     """Accelerations are clipped to plus and minus this."""
