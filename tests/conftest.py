@@ -1,5 +1,6 @@
 """What all tests share: programs that one test has compiled are found by the next."""
 
+import fcntl
 import os
 import shutil
 import tempfile
@@ -60,13 +61,28 @@ def compiled_programs(pytestconfig: pytest.Config) -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def _hierarchical_runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """One training of both steps: (the finished run, a copy made within step 2, as by a kill)."""
+    """One training of both steps: (the finished run, a copy made within step 2, as by a kill).
+
+    The first process of a test run that asks for it trains; the others wait and take its files.
+    """
+    place = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        place = place.parent
+    made = place / "hierarchical"
+    with (place / "hierarchical.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not made.exists():
+            begun = Path(tempfile.mkdtemp(dir=place))
+            _train_both_steps(begun / "run", begun / "stopped")
+            begun.rename(made)
+    return made / "run", made / "stopped"
+
+
+def _train_both_steps(whole: Path, stopped: Path) -> None:
     import small_runs
 
     from lanewise.runs import training_loop
 
-    path = tmp_path_factory.mktemp("hierarchical")
-    whole, stopped = path / "run", path / "stopped"
     copy = small_runs.Quiet(("step-2", 4), lambda: shutil.copytree(whole, stopped))
     flags = small_runs.flags(chunks=5)
     with (
@@ -75,7 +91,6 @@ def _hierarchical_runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, 
     ):
         patch.setattr(training_loop, "INTERVAL", 0.0)
         small_runs.train(folder, copy)
-    return whole, stopped
 
 
 @pytest.fixture(scope="session")

@@ -19,13 +19,7 @@ MODULES = {
 CALLS = {"eval", "exec", "compile", "__import__", "execfile", "literal_eval"}
 ATTRIBUTES = {
     *("import_module", "run_path", "run_module", "literal_eval", "exec_module", "load_module"),
-    *(
-        "spec_from_file_location",
-        "find_class",
-        "fromfile",
-        "memmap",
-        "genfromtxt",
-    ),
+    *("spec_from_file_location", "find_class", "fromfile", "memmap", "genfromtxt"),
 }
 LOADERS = {f"{name}.load" for name in ("np", "numpy", "jnp", "jax.numpy", "torch", "onnx")}
 LOADERS |= {"os.system", "os.popen"}

@@ -63,17 +63,6 @@ def test_the_lock_holds_pins_with_hashes_alone():
     assert "://" not in text
 
 
-def test_a_range_that_left_the_lock_behind_is_seen():
-    locked = pins(f"numpy==2.4.6 \\\n    --hash=sha256:{'0' * 64}\n")
-    assert locked == {"numpy": ["2.4.6"]}
-    assert unmet(["numpy>=2.0"], locked) == []
-    assert unmet(["numpy>=2.5", "NumPy<2", "rich>=13"], locked) == [
-        "numpy>=2.5",
-        "NumPy<2",
-        "rich>=13",
-    ]
-
-
 def test_the_oldest_versions_are_the_lower_bounds(project, lowest):
     oldest = [lowest.lowest(each) for each in lowest.direct(project["project"], ["test"])]
     assert "numpy==2.0" in oldest

@@ -14,7 +14,6 @@ from ratios import LEVEL, LEVEL_CACHED, SB3_TRAINING
 from lanewise.bench import suite
 from lanewise.bench.measurement import Measurement, table
 from lanewise.bench.suite import Benchmark, training_case
-from lanewise.errors import LanewiseError
 
 
 def figure(part, case, subject, value, unit="things/s", **detail):
@@ -33,12 +32,6 @@ def test_a_peer_is_measured_by_the_interpreter_that_has_it():
     # What is compared is measured one after the other.
     cases = [(each.part, each.case) for each in ordered]
     assert sum(a != b for a, b in pairwise(cases)) + 1 == len(set(cases))
-
-
-def test_what_an_interpreter_has():
-    assert peers.installed(sys.executable).keys() >= {"highway-env", "lanewise"}
-    with pytest.raises(LanewiseError, match="absent is no Python interpreter"):
-        peers.installed("absent")
 
 
 def test_one_run_measures_both_and_stores_the_ratio(monkeypatch, tmp_path, capsys):

@@ -28,18 +28,6 @@ def inside(tmp_path, monkeypatch):
     return tmp_path
 
 
-def run_process(*words):
-    """The command in a process of its own, which fails if it imports anything heavy."""
-    code = (
-        "import sys; from lanewise.cli.main import main; code = main(sys.argv[1:])\n"
-        "heavy = {'jax', 'jaxlib', 'optax', 'highway_env', 'gymnasium'} & sys.modules.keys()\n"
-        "sys.exit(f'imported {heavy}' if heavy else code)"
-    )
-    return subprocess.run(
-        [sys.executable, "-c", code, *words], capture_output=True, text=True, check=False
-    )
-
-
 @pytest.mark.parametrize(
     ("words", "hint"),
     [
@@ -47,49 +35,21 @@ def run_process(*words):
         (["--seed", "3"], 'expected a command before "--seed"'),
         (["train"], "missing CONTROLLER: one of hierarchical, single-level"),
         (["train", "hierarchical"], "missing --out"),
-        (["train", "flat", "--out", "run"], "CONTROLLER must be one of hierarchical, single-level"),
-        ([*TRAIN, "more"], 'unexpected argument "more"'),
         ([*TRAIN, "seed", "3"], 'unexpected argument "seed"; did you mean --seed?'),
         ([*TRAIN, "--sede", "3"], 'unknown option "--sede"; did you mean --seed?'),
-        (["train", "--sede", "3", *TRAIN[1:]], 'unknown option "--sede"; did you mean --seed?'),
-        ([*TRAIN, "--see", "3"], 'unknown option "--see"; did you mean --seed?'),
-        ([*TRAIN, "-x"], 'unknown option "-x"'),
-        ([*TRAIN, "-seed", "3"], 'unknown option "-seed"; did you mean --seed?'),
-        ([*TRAIN, "\N{EM DASH}seed", "3"], "did you mean --seed?"),
         ([*TRAIN, "--trap-speed", "9"], "did you mean --scenario.trap-speed?"),
-        ([*TRAIN, "--learning-rate", "1"], "--low-level.learner.learning-rate or --high"),
-        ([*TRAIN, "--out"], "--out: expected one argument"),
         ([*TRAIN, "--out", ""], "--out: expected a path, got nothing"),
-        ([*TRAIN, "--seed", "-1"], "--seed must be between 0 and 2147483647, got -1"),
-        ([*TRAIN, "--seed", "1.5"], '--seed: expected a whole number, got "1.5"'),
-        ([*TRAIN, "--seed", "9" * 5000], "--seed must be between 0 and 2147483647, got 99"),
         ([*TRAIN, "--resume=yes"], "--resume: ignored explicit argument"),
         ([*TRAIN, "--resume"], "no run in run: looked for run/run.json"),
-        ([*TRAIN, "--settings", "absent.toml"], "cannot read settings file absent.toml: No such"),
         (
             [*TRAIN, "--scenario.trap-speed", "--seed", "1"],
             "--scenario.trap-speed: expected one argument",
         ),
-        ([*TRAIN, "--scenario.trap-speed", "fast"], 'expected a number, got "fast"'),
         ([*TRAIN, "--scenario.trap-speed", "nan"], "must be between 0.5 and 40 m/s, got nan"),
-        ([*TRAIN, "--scenario.trap-speed", "-inf"], "must be between 0.5 and 40 m/s, got -inf"),
-        ([*TRAIN, "--scenario.trap-speed", "-3e0"], "must be between 0.5 and 40 m/s, got -3.0"),
-        ([*TRAIN, "--scenario.trap-speed="], 'expected a number, got ""'),
-        ([*TRAIN, "--scenario.training-front-distance", "15"], "expected 2 numbers, got [15.0]"),
-        ([*TRAIN, "--scenario.training-front-distance", "17", "16"], "17.0 must not exceed 16.0"),
-        ([*TRAIN, "--scenario.missing-target-speed", "maybe"], "expected true or false, got"),
-        ([*TRAIN, "--goals.reference", "x"], "--goals.reference must be one of previous-goal"),
-        ([*TRAIN, "--low-level.learner.hidden", "65536", "65536"], "GiB of memory, the machine"),
         (["evaluate", "absent"], "no run in absent: looked for absent/run.json"),
-        (["evaluate", "absent", "--scenario.lanes", "3"], 'unknown option "--scenario.lanes"'),
-        (["compare"], "missing RUNS"),
         (["compare", "a", ""], "RUNS: expected a path, got nothing"),
         (["watch", "absent", "-o", "clip.avi"], "--out must end in .gif or .mp4, got clip.avi"),
         (["sweep", "a", "--out", "b", "--ego-speed", "nan"], "between 1 and 40 m/s, got nan"),
-        (
-            ["sweep", "pretrained/hierarchical", "--out", "maps", "--spacing", "9"],
-            "--spacing: scenario.traffic.spacing minus scenario.traffic.spacing_jitter must be",
-        ),
         (
             ["reproduce", "--out", "report", "--experiment", "mine.toml", "--preset", "paper"],
             "--experiment and --preset each name an experiment; give one of them",
@@ -98,7 +58,6 @@ def run_process(*words):
             ["reproduce", "--out", "report", "--seed", "2147483647", "--seeds", "2"],
             "--seed and --seeds lead to seed 2147483648; the last one must be between 0 and",
         ),
-        (["bench", "wrld"], "PARTS must be one of start-up, world, latency"),
     ],
 )
 def test_refusals(words, hint, capsys, inside):
@@ -112,10 +71,7 @@ def test_refusals(words, hint, capsys, inside):
     assert os.listdir(inside) == []
 
 
-@pytest.mark.parametrize(
-    ("text", "hint"),
-    [("lanes = 0", "must be between 2 and 8, got 0"), ("trap_sped = 0", "scenario.trap_speed?")],
-)
+@pytest.mark.parametrize(("text", "hint"), [("trap_sped = 0", "scenario.trap_speed?")])
 def test_bad_settings_file(text, hint, capsys, inside):
     (inside / "mine.toml").write_text(f"[scenario]\n{text}\n")
     assert main([*TRAIN, "--settings", "mine.toml"]) == 2
@@ -123,51 +79,57 @@ def test_bad_settings_file(text, hint, capsys, inside):
     assert os.listdir(inside) == ["mine.toml"]
 
 
-@pytest.mark.parametrize(
-    ("words", "code"),
-    [
-        ([], 0),
-        (["--version"], 0),
-        *(([name, "--help"], 0) for name in ("train", "sweep", "reproduce")),
-        ([*TRAIN, "--scenario.lanes", "0"], 2),
-        (["compare", "absent", "absent"], 2),
-    ],
-)
-def test_help_and_refusals_never_import_jax(words, code):
-    done = run_process(*words)
-    assert (done.returncode, bool(done.stdout)) == (code, code == 0), done.stderr
-    assert "Traceback" not in done.stderr
+ANSWERED = {
+    "": (0, ""),
+    "--version": (0, ""),
+    "train --help": (0, ""),
+    "reproduce --help": (0, ""),
+    "train hierarchical --out run --scenario.lanes 0": (2, "must be between 2 and 8, got 0"),
+    "train hierarchical --out run --preset qick": (2, "--preset must be one of"),
+    "compare absent absent": (2, "no run in absent"),
+    "evaluate pretrained/single-level --episodes-out /proc/a/b.csv": (2, "/proc/a/b"),
+    "sweep pretrained/single-level --out .": (2, "not an empty folder"),
+    "reproduce --out .": (2, "is not empty and holds no run"),
+    "train hierarchical --out run --high-level young": (2, "young has no finished step-1"),
+    "train hierarchical --out . --high-level lender": (2, "is not empty and holds no run"),
+    "train hierarchical --out run --high-level lender --goals.time-limit 7": (
+        2,
+        "goals or driving settings",
+    ),
+}
+"""Commands that must answer at once, with their exit code and what they say."""
+ANSWERS = """
+import sys
+from lanewise.cli.main import main
+
+for line in sys.argv[1:]:
+    code = main(line.split())
+    heavy = {"jax", "jaxlib", "optax", "highway_env", "gymnasium"} & sys.modules.keys()
+    sys.stderr.write(f"{code} {sorted(heavy)}" + chr(0))
+"""
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["evaluate", "pretrained/single-level", "--episodes-out", "/proc/a/b.csv"], "/proc/a/b"),
-        (["sweep", "pretrained/single-level", "--out", "."], "not an empty folder"),
-        (["reproduce", "--out", "."], "is not empty and holds no run"),
-        ([*TRAIN, "--high-level", "young"], "young has no finished step-1"),
-        ([*TRAIN[:-1], ".", "--high-level", "lender"], "is not empty and holds no run"),
-        ([*TRAIN, "--high-level", "lender", "--goals.time-limit", "7"], "goals or driving setting"),
-    ],
-)
-def test_unsuitable_folders_and_files_are_refused_without_jax(inside, words, said):
+def test_help_and_refusals_never_import_jax(inside):
+    """One process for all of them; what one leaves behind would be in the way of the next."""
     (inside / "notes.txt").write_text("mine")
     for name in ("lender", "young"):
         RunFolder.create(inside / name, Settings(), "planned", 0).close()
     (inside / "lender" / "stages").mkdir()
     (inside / "lender" / "stages" / "step-1.json").touch()
-    done = run_process(*words)
-    assert done.returncode == 2, done.stderr
-    assert said in done.stderr
+    command = [sys.executable, "-c", ANSWERS, *ANSWERED]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    answers = zip(ANSWERED.items(), done.stderr.split("\0"), strict=False)
+    for (line, (code, hint)), answer in answers:
+        assert answer.endswith(f"{code} []"), line
+        assert hint in answer
     assert sorted(os.listdir(inside)) == ["lender", "notes.txt", "young"]
 
 
-@pytest.mark.parametrize("command", ["watch", "bench", "export", "compare"])
+@pytest.mark.parametrize("command", ["watch", "compare"])
 def test_files_that_cannot_be_written_are_refused_first(command, capsys):
     run = "pretrained/single-level"
-    words = {"watch": [run, "-o"], "bench": ["--out"], "export": [run, "-o"]}
-    words["compare"] = [run, run, "--csv"]
-    name = {"watch": "b.gif", "bench": "b.json", "export": "b.npz", "compare": "b.csv"}[command]
+    words = {"watch": [run, "-o"], "compare": [run, run, "--csv"]}
+    name = {"watch": "b.gif", "compare": "b.csv"}[command]
     assert main([command, *words[command], f"/proc/a/{name}"]) == 2
     assert f"cannot write /proc/a/{name}" in capsys.readouterr().err
 
@@ -217,7 +179,7 @@ def test_help_lists_every_command_with_the_first_line_of_its_own(capsys):
         assert inspect.getdoc(command_class(name)).splitlines()[0] == summary
 
 
-@pytest.mark.parametrize("command", ["train", "reproduce"])
+@pytest.mark.parametrize("command", ["train"])
 def test_help_lists_every_setting_with_text_default_and_range(command, capsys):
     assert main([command, "--help"]) == 0
     output = " ".join(capsys.readouterr().out.split())
@@ -227,18 +189,6 @@ def test_help_lists_every_setting_with_text_default_and_range(command, capsys):
     assert expected in output
     assert "{previous-goal,current-state}" in output
     assert f"usage: lanewise {command} [OPTIONS] " in output
-
-
-def test_help_shows_the_kind_of_value_and_what_is_required(capsys):
-    assert main(["reproduce", "--help"]) == 0
-    output = " ".join(capsys.readouterr().out.split())
-    assert "--seeds INT Number of seeds" in output
-    assert "--settings PATH TOML file" in output
-    assert main(["compare", "--help"]) == 0
-    output = " ".join(capsys.readouterr().out.split())
-    assert output.startswith("usage: lanewise compare [OPTIONS] RUNS")
-    assert "differences are to the first. (required)" in output
-    assert "Each with 95 % intervals" in output
 
 
 def test_no_setting_is_without_help():
@@ -252,7 +202,7 @@ def test_no_setting_is_without_help():
         assert set(of_fields(owner)) == set(owner.__dataclass_fields__), owner
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
+@pytest.mark.parametrize("encoding", ["ascii"])
 def test_output_escapes_what_the_encoding_lacks(encoding, monkeypatch):
     """`PYTHONIOENCODING=ascii:strict lanewise --help`, and whatever else is printed."""
     monkeypatch.setattr(provenance, "_processor", lambda: "Intel® Core™ 日本")

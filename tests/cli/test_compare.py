@@ -15,10 +15,12 @@ from lanewise import config
 from lanewise.cli.main import main
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import evaluator
+from lanewise.experiments import evaluate_trained
 from lanewise.report import output_files
 from lanewise.runs import run_state
 from lanewise.runs.run_folder import RunFolder
 from lanewise.training.plan import TrainingPlan
+from untrusted_files import made_up_episodes
 
 CONTROLLER = "single-level"
 OPTIONS = {
@@ -51,7 +53,7 @@ def make_run(name, changes):
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory):
+def made(tmp_path_factory):
     """Finished runs by name, in the folder the test runs in."""
     folder = tmp_path_factory.mktemp("compare")
     with pytest.MonkeyPatch.context() as patch:
@@ -60,6 +62,18 @@ def runs(tmp_path_factory):
         for name, changes in RUNS.items():
             make_run(name, changes)
         yield folder
+
+
+@pytest.fixture
+def runs(made, request, monkeypatch):
+    """As `made`; their tests are made up, but in slow tests."""
+    if not request.node.get_closest_marker("slow"):
+        monkeypatch.setattr(
+            evaluate_trained,
+            "evaluate",
+            lambda trained, world, episodes, seed, *_: made_up_episodes(trained.seed, episodes),
+        )
+    return made
 
 
 def compare(capsys, *words):
@@ -158,10 +172,14 @@ def test_a_file_that_cannot_be_written_is_refused_first_and_never_costs_figures(
     assert "cannot write c.csv" in output.err
 
 
-def test_other_scenarios_are_refused_unless_one_is_chosen(runs, capsys):
+def test_other_scenarios_are_refused(runs, capsys):
     error = refused(capsys, "s0", "fast")
     assert "s0 and fast are not tested alike: scenario.trap_speed is 10.0, not 10.9" in error
     assert "--scenario-of RUN" in error
+
+
+@pytest.mark.slow
+def test_all_drive_the_scenario_of_one(runs, capsys):
     own = json.loads(compare(capsys, "s0", "s1", "--json"))
     chosen = json.loads(compare(capsys, "s0", "fast", "--scenario-of", "s1", "--json"))
     assert chosen["scenario_of"] == "s1"
@@ -186,8 +204,6 @@ def test_another_reward_is_refused_whatever_the_scenario(runs, capsys):
     [
         (["s0"], "a comparison needs at least two runs, got 1"),
         (["s0", "s1", "s0"], "s0 and s0 are the same run twice: single-level, the same settings"),
-        (["s0", "absent"], "no run in absent: looked for absent/run.json"),
-        (["s0", "s1", "--scenario-of", "absent"], "no run in absent"),
         (["s0", "begun"], "begun is not finished; lanewise train single-level --out begun"),
     ],
 )
@@ -198,6 +214,7 @@ def test_refusals(runs, capsys, words, hint):
     assert hint in refused(capsys, *words)
 
 
+@pytest.mark.slow
 def test_highway_env_drives_the_same_starts(runs, capsys):
     words = ("compare", "s0", "wide", "--episodes", "1", "--json", "--world", "highway-env")
     assert main(words) == 0

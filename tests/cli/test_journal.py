@@ -9,7 +9,6 @@ import pytest
 from lanewise.cli import journal
 from lanewise.errors import RunError
 from lanewise.evaluation.grid import Reach
-from lanewise.system import folder_io
 from lanewise.system.folder_io import PARTIAL
 
 IDENTITY = {"kind": "Sweep", "seed": 0}
@@ -55,16 +54,3 @@ def test_a_journal_without_a_whole_line_is_damaged_and_not_anothers(tmp_path, te
     with pytest.raises(RunError, match="is damaged: remove it to begin anew"):
         journal.open_(path, IDENTITY)
     assert path.read_text() == text
-
-
-def test_one_begun_just_before_the_lock_was_had_is_kept(tmp_path, monkeypatch):
-    path, lock = tmp_path / "progress.jsonl", folder_io.lock
-
-    def late(*arguments):
-        monkeypatch.setattr(folder_io, "lock", lock)
-        begin(path)
-        return lock(*arguments)
-
-    monkeypatch.setattr(folder_io, "lock", late)
-    with journal.open_(path, IDENTITY).folder:
-        assert len(journal.read(path, IDENTITY)[1]) == 1

@@ -6,10 +6,7 @@ Refused well: before anything starts, in one or two lines, with the name, the ty
 import contextlib
 import io
 import math
-import os
 import re
-import subprocess
-import sys
 
 import gymnasium
 import pytest
@@ -190,24 +187,3 @@ def test_misspelt_names(door):
 def test_a_right_setting_is_let_in():
     assert DOORS["compose"]("scenario.lanes", 4) == "let in"
     assert "taken" in DOORS["command line"]("scenario.lanes", 4)
-
-
-def test_a_process_refuses_without_jax_and_leaves_nothing(tmp_path):
-    program = (
-        "import sys; from lanewise.cli.main import main\n"
-        "begin = ['train', 'planned', '--out', 'new']\n"
-        "codes = [main([*begin, *words.split()]) for words in sys.argv[1:]]\n"
-        "print(codes, 'jax' in sys.modules)"
-    )
-    words = (
-        "--scenario.lanes 99",
-        "--scenario.laness 3",
-        "--preset qick",
-        "--settings absent.toml",
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program, *words], capture_output=True, text=True, check=True
-    )
-    assert done.stdout == "[2, 2, 2, 2] False\n"
-    assert len(done.stderr.splitlines()) == len(words)
-    assert "new" not in os.listdir(tmp_path)

@@ -94,15 +94,6 @@ def test_what_the_paper_describes_holds():
     assert verdicts(PAPER) == ["holds"] * len(claims.CLAIMS)
 
 
-def test_the_opposite_fails_but_for_what_both_do():
-    """Early escapes are in both; with the roles swapped nothing else is as the paper says."""
-    forward = replace(OURS, recording=recording([10, 8, 14], 0.9, [15, 15, -30]))
-    swapped = replace(OPPOSITE, single_level=replace(forward, test=outcomes(0, 2)))
-    assert verdicts(replace(swapped, explorers=(replace(OURS, training=training([1] * 300)),))) == [
-        "holds"
-    ] + ["fails"] * (len(claims.CLAIMS) - 1)
-
-
 def test_seeds_that_disagree_make_it_depend():
     early, stops, *_ = claims.ledger((PAPER, OPPOSITE))
     assert stops.seeds == (True, False)
@@ -152,8 +143,7 @@ def test_each_claim_fails_on_its_own_evidence(claim, change):
 
 
 @pytest.mark.parametrize(
-    ("hierarchical", "flat", "verdict"),
-    [(91, 2, "holds"), (90, 2, "fails"), (91, 3, "fails")],
+    ("hierarchical", "flat", "verdict"), [(91, 2, "holds"), (90, 2, "fails"), (91, 3, "fails")]
 )
 def test_one_escapes_where_the_other_does_not(hierarchical, flat, verdict):
     """More than nine tenths against at most 2 %."""
@@ -175,7 +165,7 @@ def test_an_escape_counts_whatever_happens_later():
     assert found(claims._flat_stops, single_level=replace(FLAT, training=late)).verdict == "fails"
 
 
-@pytest.mark.parametrize("name", ["escaped", "reward", "speed"])
+@pytest.mark.parametrize("name", ["escaped", "reward"])
 def test_above_h_dqn_means_in_each_measure(name):
     better = training([1] * 300, 3.0, 15.0)
     lines = [a | {name: b[name]} for a, b in zip(FLAT.training, better, strict=True)]
@@ -186,9 +176,8 @@ def test_above_h_dqn_means_in_each_measure(name):
 @pytest.mark.parametrize(
     ("escapes", "reward", "verdict"),
     [
-        *((87, 12.5, "holds"), (89, 11.9, "holds"), (89, 12.1, "fails"), (98, 13.0, "fails")),
         # Better in one and worse in the other is not better.
-        *((87, 14.1, "fails"), (100, 11.5, "holds")),
+        *((87, 14.1, "fails"), (100, 11.5, "holds"))
     ],
 )
 def test_two_steps_must_do_better_by_more_than_a_tenth_of_the_papers_difference(
@@ -199,42 +188,6 @@ def test_two_steps_must_do_better_by_more_than_a_tenth_of_the_papers_difference(
     assert found(claims._two_steps, one_step=one).verdict == verdict
 
 
-@pytest.mark.parametrize(
-    ("speed", "gap", "verdict"),
-    [
-        *(([10, 8, 14.1, 14.1, 14.1], -30, "holds"), ([10, 8, 13.9, 13.9, 13.9], -30, "fails")),
-        *(([10, 8, 16.1, 16.1, 16.1], -30, "fails"), ([10, 8, 15, 15, 15], 5, "fails")),
-    ],
-)
-def test_near_the_target_speed_is_within_1_after_an_escape(speed, gap, verdict):
-    drive = recording(speed, 0.9, [15, 20, gap])
-    claim = found(claims._near_target, hierarchical=replace(OURS, recording=drive))
-    assert claim.verdict == verdict
-
-
-@pytest.mark.parametrize(("spread", "verdict"), [(0.09, "holds"), (0.11, "fails")])
-@pytest.mark.parametrize("name", ["reward", "speed"])
-def test_steady_is_a_spread_of_a_tenth_of_the_mean(name, spread, verdict):
-    lines = [
-        line | {name: line[name] * (1 + spread * (-1) ** i)} for i, line in enumerate(FLAT.training)
-    ]
-    claim = found(claims._flat_is_steady, single_level=replace(FLAT, training=lines))
-    assert claim.verdict == verdict
-
-
-def test_a_flat_controller_that_never_escaped_has_a_minimal_probability_too():
-    claim = found(claims._flat_stops, single_level=replace(FLAT, training=training([0] * 300)))
-    assert claim.verdict == "holds"
-
-
-def test_exploring_is_at_least_the_first_hundred_episodes():
-    """Where one world's epsilon settles within four of its 2000."""
-    late = training([0] * 60 + [1] * 240)
-    both = {"hierarchical": replace(OURS, training=late, settled=4)}
-    both["single_level"] = replace(FLAT, training=late, settled=4)
-    assert found(claims._early_escapes, **both).verdict == "holds"
-
-
 def test_no_evidence_no_claims():
     assert claims.ledger([]) == []
     bare = claims.ledger([replace(PAPER, **OPTIONAL)])
@@ -242,18 +195,6 @@ def test_no_evidence_no_claims():
     for name, nothing in OPTIONAL.items():
         without = claims.ledger([replace(PAPER, **{name: nothing})])
         assert len(without) == len(claims.CLAIMS) - 1, name
-
-
-def test_exploring_more_is_asked_of_the_seeds_that_did():
-    ledger = claims.ledger((PAPER, replace(PAPER, seed=1, explorers=())))
-    claim = ledger[claims.CLAIMS.index(claims._exploring_more)]
-    assert (claim.verdict, claim.seeds) == ("holds", (True,))
-
-
-def test_evidence_of_other_arms_needs_no_drive():
-    plain = Evidence(FLAT.training, FLAT.settled, FLAT.test)
-    seed = replace(PAPER, explorers=(plain,), h_dqn=plain, one_step=plain)
-    assert verdicts(seed) == ["holds"] * len(claims.CLAIMS)
 
 
 def test_a_report_finds_the_arms_that_claims_speak_of(monkeypatch):

@@ -77,30 +77,18 @@ def test_the_papers_size():
     ("text", "hint"),
     [
         ("[[", "not valid TOML"),
-        (f"seeds = {'9' * 5000}", "not valid TOML: a whole number has too many digits"),
         (HEAD, "needs at least one [arms.NAME]"),
         (HEAD.replace("seeds = 2", "seed = 2") + ARM, 'has no "seed"; did you mean seeds?'),
-        (HEAD.replace("seeds = 2", "seeds = 0") + ARM, "seeds: expected a whole number from 1"),
-        (HEAD.replace('"quick"', '"quik"') + ARM, 'unknown preset "quik"; did you mean quick?'),
-        (HEAD + ARM.replace("single-level", "singel-level"), "did you mean single-level?"),
-        (HEAD + ARM + 'titel = "x"\n', 'arm a has no "titel"; did you mean title?'),
         (HEAD + ARM + 'high_level = "b"\n', 'arm a: high_level "b" is no arm'),
-        (HEAD + ARM + 'high_level = "a"\n', "only hierarchical and planned have a step 1"),
-        (HEAD + LENT + LENDER + 'high_level = "a"\n', "arm a: b trains no step 1 of its own"),
         (HEAD + LENT + LENDER + "seeds = 1\n", "arm a: has more seeds than b"),
         (
             HEAD + LENT + LENDER + '[arms.b.settings]\n"goals.time_limit" = 5.0\n',
             "arm a: b was made with other goals or driving settings",
         ),
         (
-            HEAD + LENT + LENDER + '[arms.b.settings]\n"high_level.learner.hidden" = [8]\n',
-            "arm a: b has another high-level network",
-        ),
-        (
             HEAD + ARM + '[arms.a.settings]\n"goals.speed_stp" = 1.0\n',
             "did you mean goals.speed_step",
         ),
-        (HEAD + ARM + '[arms.a.settings]\n"scenario.lanes" = 0\n', "arm a: scenario.lanes"),
         (HEAD + ARM.replace("arms.a", 'arms."../a"'), "a name holds letters, digits and dashes"),
     ],
 )
@@ -128,10 +116,3 @@ def test_settings_of_an_arm_lose_against_the_users():
     assert found.settings(arm, "trap-10.9", {}).single_level.worlds == 4
     assert found.settings(arm, "trap-10.9", {}).scenario.trap_speed == 10.9
     assert found.settings(arm, "trap-10", {"single_level.worlds": 8}).single_level.worlds == 8
-
-
-def test_only_some_arms_bring_those_they_borrow_from():
-    found = experiment.load("standard").only(("hierarchical",))
-    assert [arm.name for arm in found.arms] == ["planned", "hierarchical"]
-    with pytest.raises(SettingsError, match="did you mean h-dqn"):
-        experiment.load("standard").only(("hdqn",))

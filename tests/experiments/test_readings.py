@@ -78,29 +78,6 @@ def test_at_the_papers_size_the_rows_say_what_was_used():
     assert '`"critic"` in *hierarchical, goals held in training*)' in rows["22a"]
 
 
-def test_departures_from_what_the_paper_states_are_named_as_such():
-    rows = {row["number"]: row for row in readings.rows()}
-    for number in ("13", "21"):
-        assert rows[number]["paper"].startswith("no gap: ")
-        assert "departs from the paper" in rows[number]["here"]
-        assert "as the paper says" in rows[number]["other"]
-
-
-def test_the_discount_of_h_dqn_stands_where_its_arm_does():
-    """Its low level alone has another than the paper's."""
-    row = here(arms_of(experiment.load("standard")))["29"]
-    assert "`h_dqn.low_level.learner.discount = 0.95` (`0.8` in *hierarchical in one step*)" in row
-    assert "h_dqn" not in here(arms_of(experiment.load("quick")))["29"]
-
-
-def test_each_stage_is_shown_with_its_own_value():
-    rows = here(arms_of(experiment.load("quick")))
-    decays = [f"`{stage}.learner.learning_rate_decay = {n}`" for stage, n in
-              (("single_level", 45000), ("high_level", 15000), ("low_level", 30000))]  # fmt: skip
-    assert ", ".join(decays) in rows[""]
-    assert "h_dqn" not in "".join(rows.values())
-
-
 def test_an_experiment_of_ones_own():
     arms = arms_of(experiment.parse("mine", FLAT_ALONE))
     rows, table = here(arms), readings.table(arms)
@@ -113,12 +90,6 @@ def test_an_experiment_of_ones_own():
     for number in ("11", "12", "13", "14", "21", "22a", "22b", "22c", "23", "26"):
         assert rows[number] == readings.UNUSED, number
     assert len({len(re.split(r"(?<!\\)\|", line)) for line in table.splitlines()}) == 1
-
-
-def test_a_step_1_that_was_taken_over_is_not_the_arms_own():
-    quick = config.flatten(config.compose())
-    lent = ArmSettings("lent", "hierarchical", quick | {"high_level.duration": 99}, takes_over=True)
-    assert here([lent])["4"].startswith("`low_level.duration = 60` decisions")
 
 
 def test_whatever_learns_is_shown():

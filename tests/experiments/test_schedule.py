@@ -24,6 +24,7 @@ from lanewise.runs.run_folder import RunFolder
 from lanewise.system import folder_io
 from lanewise.system.folder_io import OpenFolder
 from lanewise.system.progress import Progress
+from untrusted_files import made_up_episodes
 
 # With the stages of cli/test_reproduce.py, whose compiled programs are then at hand.
 TINY = {
@@ -267,7 +268,13 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("way", ["SIGTERM to the first process", "Ctrl-C, which all hear"])
+@pytest.mark.parametrize(
+    "way",
+    [
+        "SIGTERM to the first process",
+        pytest.param("Ctrl-C, which all hear", marks=pytest.mark.slow),
+    ],
+)
 def test_a_job_saves_though_another_process_has_nothing_to_do(tmp_path, way):
     script = tmp_path / "interrupted.py"
     script.write_text(INTERRUPTED)
@@ -306,10 +313,15 @@ def until(text, stream):
     pytest.fail(f"ended without {text!r}")
 
 
-def test_a_reference_driver_tested_otherwise_is_refused(tiny, tmp_path):
+def test_a_reference_driver_tested_otherwise_is_refused(tiny, tmp_path, monkeypatch):
     _, jobs = tiny
     (job,) = (each for each in jobs if not each.trains)
     scenario = replace(job.settings.scenario, trap_speed=9.0)
+    monkeypatch.setattr(
+        jobs_module.evaluate_trained,
+        "evaluate",
+        lambda trained, world, count, seed, reporter: made_up_episodes(seed, count),
+    )
     jobs_module.run(job, Progress(stream=io.StringIO()), OpenFolder(tmp_path))
     jobs_module.check(job)
     with pytest.raises(RunError, match=r"other settings: there scenario\.trap_speed is 10\.0"):
@@ -330,8 +342,7 @@ def replaced(out):
     (out / "runs" / "rule-based" / "seed-5").mkdir(parents=True)
 
 
-@pytest.mark.parametrize("change", [removed, moved, replaced])
-@pytest.mark.parametrize("late", [False, True], ids=["before", "during"])
+@pytest.mark.parametrize(("change", "late"), [(moved, False), (removed, True), (replaced, True)])
 def test_a_job_writes_into_no_other_folder(tmp_path, monkeypatch, change, late):
     """Be it changed before the job begins or while it is tested."""
     out, left = tmp_path / "out", []

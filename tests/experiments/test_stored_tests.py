@@ -82,10 +82,8 @@ def test_every_run_has_its_own_tests(finished):
     ("taken", "given"),
     [
         ("planned, seed 0", "single-level, seed 0"),
-        ("single-level, seed 0", "single-level, seed 1"),
         # The same settings and seed: only the weights tell.
         ("single-level, seed 0", "again, seed 0"),
-        ("rule-based, seed 0", "rule-based, seed 1"),
         ("rule-based, seed 0", "planned, seed 0"),
     ],
 )
@@ -102,26 +100,6 @@ def test_those_of_another_run_are_refused_and_kept(finished, taken, given):
     assert {path: path.read_bytes() for path in before} == before
 
 
-def test_those_of_another_world_are_refused(job):
-    for suffix in (".json", ".csv"):
-        tests = job.path / TESTS
-        shutil.copy(tests / f"lanewise{suffix}", tests / f"highway-env{suffix}")
-    with pytest.raises(RunError, match=r"highway-env\.json is a test of another run"):
-        _ = job.done
-
-
-@pytest.mark.parametrize("label", ["planned, seed 1", "rule-based, seed 1"])
-def test_those_of_other_settings_are_refused(finished, label, tmp_path):
-    job = finished[label]
-    settings = config.replace(job.settings, {"evaluation.duration": 5})
-    other = dataclasses.replace(job, path=tmp_path / "other", settings=settings)
-    finish(other, 1.0)
-    shutil.rmtree(other.path / TESTS)
-    shutil.copytree(job.path / TESTS, other.path / TESTS)
-    with pytest.raises(RunError, match="is a test of another run"):
-        _ = other.done
-
-
 def test_a_test_without_its_weights_is_refused(job):
     (job.path / "controller.json").unlink()
     with pytest.raises(RunError, match=r"lanewise\.json cannot be matched .*; delete it"):
@@ -135,10 +113,7 @@ def alter(file, **changes):
 @pytest.mark.parametrize(
     ("file", "damage", "says"),
     [
-        ("lanewise.json", lambda file: file.write_text("{"), "is damaged; delete it"),
         ("lanewise.json", lambda file: file.write_text("[]"), "is damaged; delete it"),
-        ("lanewise.json", lambda file: alter(file, seconds=2.5), "is damaged; delete it"),
-        ("lanewise.json", lambda file: file.write_text(" " * 10**6), "too large: larger than"),
         (
             "lanewise.json",
             lambda file: alter(file, version=9, lanewise="7.0.0"),
@@ -195,14 +170,3 @@ def test_settings_of_a_reference_driver_stay_as_they_were_written(finished, tmp_
     jobs.run(before, Progress(), OpenFolder(tmp_path))
     assert file.read_text().startswith("# from before")
     assert before.done
-
-
-@pytest.mark.parametrize("leads", [True, False], ids=["somewhere", "nowhere"])
-def test_settings_of_a_reference_driver_are_no_link(finished, tmp_path, leads):
-    job = finished["rule-based, seed 0"]
-    file = job.path / stored_tests.SETTINGS
-    jobs.check(job)
-    file.rename(tmp_path / "elsewhere.toml")
-    file.symlink_to(tmp_path / ("elsewhere.toml" if leads else "nothing"))
-    with pytest.raises(RunError, match=r"cannot read .*settings.toml: a link"):
-        jobs.check(job)

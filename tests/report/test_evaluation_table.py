@@ -6,8 +6,8 @@ import math
 import pytest
 
 from lanewise.evaluation.metrics import summarise
-from lanewise.report import evaluation_table, experiment_tables, profiles, tables, training_curves
-from lanewise.report.evaluation_table import columns, markdown, text
+from lanewise.report import tables
+from lanewise.report.evaluation_table import markdown, text
 
 
 @pytest.fixture
@@ -17,17 +17,6 @@ def summaries(episodes):
         for controller in ("hierarchical", "single-level")
         for world in ("lanewise", "highway-env")
     ]
-
-
-def test_published_stands_first_in_the_papers_order(summaries, episodes):
-    sources = ["published", "lanewise", "highway-env"]
-    assert [(each.controller, each.world) for each in columns(summaries)] == [
-        (controller, source)
-        for controller in ("single-level", "hierarchical")
-        for source in sources
-    ]
-    own = [summarise(episodes, controller="mine", world="lanewise")]
-    assert columns(own) == own
 
 
 @pytest.mark.parametrize("make", [text, markdown])
@@ -62,30 +51,9 @@ def test_text_fits_a_terminal(summaries):
     assert "[" not in shown
 
 
-def test_hostile_names_stay_inside_their_cell_and_steer_no_terminal(episodes):
-    name = "a|b`<img src=x>\n# c"
-    heads = markdown([summarise(episodes, controller=name, world="w|")]).splitlines()[0]
-    assert heads == r"|  | a\|b\`\<img src=x\> \# c, w\| |"
-    shown = text([summarise(episodes, controller="a\x1b[2J\nb", world="w")]).splitlines()
-    assert shown[0].split() == ["a\\x1b[2J", "b", "w"]
-
-
 def test_unknown_values_are_dashes(episodes):
     summary = summarise(episodes, controller="mine", world="lanewise")
     summary.values["escape_time"] = math.nan
     rest = summarise(episodes, controller="mine", world="highway-env")
     row = next(x for x in text([summary, rest]).splitlines() if x.startswith("escape"))
     assert row.split()[3] == "-"
-
-
-def test_rewards_and_goals_say_how_they_are_counted(summaries):
-    """Training sums one reward a decision, a test one a second; a goal given up is no time-out."""
-    for shown in (text(summaries), markdown(summaries)):
-        assert "reward, 1 a second" in shown
-        assert "goals given up, %" in shown
-    titles = [title for _, title, *_ in experiment_tables.TRAINING[:2]]
-    assert titles == ["reward, 1 a decision", "reward, 1 a second"]
-    labels = [label for _, label, *_ in (*training_curves.PANELS, *profiles.PANELS)]
-    counted = [label.split("\n")[-1] for label in labels if "reward" in label]
-    assert counted == ["one a decision", "of a decision", "one a second"]
-    assert max(map(len, evaluation_table.NOTE)) <= 80

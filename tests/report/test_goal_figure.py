@@ -1,11 +1,9 @@
 """The goals figure: which goal stood when, and how each ended."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from fabricate import make_recording
-from looking import check_words, words
+from looking import check_words
 
 from lanewise.errors import LanewiseError
 from lanewise.report import goal_figure
@@ -29,20 +27,6 @@ def test_events_fall_on_the_decision_that_noticed_them(recording):
     assert recording.time[found.reached].tolist() == [8.5]
 
 
-def test_a_goal_set_again_unchanged_is_told_by_the_count(recording):
-    again = dataclasses.replace(
-        recording,
-        goal_lane=np.ones(51, int),
-        goal_speed=np.full(51, 9.0),
-        goals_ended=np.arange(51) // 10,
-        goals_timed_out=np.zeros(51, int),
-    )
-    found = goal_figure.events(again)
-    assert found.set.tolist() == [0, 9, 19, 29, 39, 49]
-    assert found.reached.tolist() == [9, 19, 29, 39, 49]
-    assert not len(found.timed_out)
-
-
 def test_tracks_and_marks_are_the_recording(recording):
     across, speed = draw(recording).axes
     for axes, goal, ego in (
@@ -58,16 +42,6 @@ def test_tracks_and_marks_are_the_recording(recording):
         assert marks(axes, SET) == [[0.0, goal[1]], [2.5, goal[6]], [8.5, goal[18]]]
         assert marks(axes, TIMED_OUT) == [[2.5, ego[5]]]
         assert marks(axes, REACHED) == [[8.5, ego[17]]]
-
-
-def test_the_legend_counts_and_the_left_lane_is_on_top(recording):
-    figure = draw(recording)
-    labels = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert {"goal set (3)", "goal reached (1)", "goal timed out (1)", "out of the trap"} <= labels
-    low, high = figure.axes[0].get_ylim()
-    assert low > 10.0
-    assert high < -2.0
-    assert {"lane 1", "lane 2", "lane 3"} <= {name for name, _ in words(figure)}
 
 
 def test_an_accident_is_named_and_marked():

@@ -60,18 +60,6 @@ def test_curves_are_means_over_the_episodes_still_under_way():
     assert curve_of(instant).get_xdata()[0] == 0.5
 
 
-def test_bands_hold_the_middle_four_fifths():
-    runs = [
-        dataclasses.replace(make_recording(), speed=make_recording().speed + number)
-        for number in range(11)
-    ]
-    axes = draw({"a": runs}).axes[0]
-    low, high = (line for line in axes.lines if line.get_linewidth() == style.THIN)
-    base = make_recording().speed[:, 0]
-    np.testing.assert_allclose(low.get_ydata(), base + 1.0)  # 10 % of 0 ... 10
-    np.testing.assert_allclose(high.get_ydata(), base + 9.0)
-
-
 def test_accidents_are_crosses_at_their_time_speed_and_sum():
     runs = episodes(4.0, 6.5)
     speed, instant, accumulated = draw({"a": runs}).axes
@@ -91,12 +79,6 @@ def test_an_arm_ends_with_its_shortest_recording_that_had_no_accident():
     lost = [make_recording(accident=2, seconds=end) for end in (3.0, 5.0)]
     assert curve_of(draw({"a": lost}).axes[0]).get_xdata()[-1] == 5.0
     assert curve_of(draw({"a": runs}, seconds=4.0).axes[0]).get_xdata()[-1] == 4.0
-
-
-def test_one_recording_has_no_band():
-    figure = draw({"single-level": [make_recording()]})
-    assert not any(axes.collections for axes in figure.axes)
-    assert len(figure.legends[0].get_texts()) == 1
 
 
 @pytest.mark.parametrize(

@@ -38,11 +38,3 @@ def test_published_values_stand_beside_what_they_are_of():
     np.testing.assert_allclose(papers, [0.0, 97.67])
     assert ours == []
     np.testing.assert_allclose(reward, [3.32, 13.2])
-
-
-def test_it_is_drawn_whatever_the_titles_are(tmp_path):
-    strange = arm(
-        "a $very$ long title | with ${everything}$ that titles should not have", "h-dqn", [3]
-    )
-    style.save(seed_figure.draw([strange], "lanewise"), tmp_path / "seeds")
-    assert (tmp_path / "seeds.svg").stat().st_size > 1000

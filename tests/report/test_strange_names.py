@@ -9,7 +9,7 @@ from fabricate import make_episodes
 from markdown_it import MarkdownIt
 
 from lanewise import config
-from lanewise.errors import LanewiseError, SettingsError, brief, printable
+from lanewise.errors import LanewiseError, SettingsError, brief
 from lanewise.experiments import experiment, jobs, reporting, results, stored_tests
 from lanewise.report.markup import cell, code, line
 from lanewise.system.folder_io import OpenFolder
@@ -153,8 +153,3 @@ def test_errors_do_not_steer_a_terminal(name):
         experiment.parse("x", f'preset = {quoted(name)}\n[arms.a]\ncontroller = "rule-based"')
     check_plain(str(caught.value))
     assert len(str(caught.value).splitlines()) <= 2
-
-
-def test_what_is_harmless_stays_as_it_is():
-    text = "Größe, 日本語, שלום, \u0645\u06cc\u200c\u062e\u0648 👩\u200d🚗"
-    assert printable(text) == line(text) == text

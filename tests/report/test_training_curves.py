@@ -7,7 +7,7 @@ from fabricate import make_training
 from lanewise.errors import LanewiseError
 from lanewise.report import figure_style as style
 from lanewise.report import training_curves
-from lanewise.report.training_curves import draw, draw_stages, running_mean
+from lanewise.report.training_curves import draw, draw_stages
 
 
 def means(rows, column, window, factor=1.0):
@@ -20,11 +20,6 @@ def lines(axes, own):
     """Lines drawn in a style, curves first, then the edges of the band."""
     found = [line for line in axes.lines if line.get_color() == own.colour]
     return sorted(found, key=lambda line: -line.get_linewidth())
-
-
-def test_running_mean_by_hand():
-    smooth = running_mean(np.array([np.nan, 2.0, 4.0, np.nan, 9.0]), 2)
-    np.testing.assert_array_equal(smooth, [np.nan, 2.0, 3.0, 4.0, 9.0])
 
 
 def test_curves_and_bands_are_mean_lowest_and_highest_of_the_running_means():
@@ -43,13 +38,6 @@ def test_curves_and_bands_are_mean_lowest_and_highest_of_the_running_means():
         np.testing.assert_allclose(band.get_paths()[0].get_extents().y1, np.max(table))
 
 
-def test_one_seed_has_no_band():
-    figure = draw({"a": make_training((30,))})
-    assert not any(axes.collections for axes in figure.axes)
-    labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["a (1 seed)"]
-
-
 def test_long_trainings_are_thinned_evenly_and_keep_their_end():
     places = training_curves.drawn_places(4273)
     assert len(places) <= training_curves.POINTS
@@ -66,15 +54,6 @@ def test_the_mark_stands_on_the_curve_where_epsilon_settled():
         (mark,) = marks  # b ended before its epsilon settled
         assert list(mark.get_xdata()) == [20.0]
         assert mark.get_ydata()[0] == pytest.approx(curve.get_ydata()[19])
-
-
-def test_a_missing_value_is_a_gap_not_a_mean_over_fewer_seeds():
-    seeds = make_training((30, 30))
-    for row in seeds[0][:5]:
-        row["reward"] = None
-    curve = lines(draw({"a": seeds}).axes[2], style.STYLES[0])[0]
-    assert np.isnan(curve.get_ydata()[:5]).all()
-    assert np.isfinite(curve.get_ydata()[5:]).all()
 
 
 def test_each_stage_has_its_own_line_style_and_mark(rows):

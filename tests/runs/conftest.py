@@ -4,11 +4,12 @@ import signal
 
 import pytest
 
-from lanewise.runs import training_loop
-
 
 @pytest.fixture
 def save_every_chunk(monkeypatch):
+    # Not above: JAX must not be imported before ../conftest.py has set its switches.
+    from lanewise.runs import training_loop
+
     monkeypatch.setattr(training_loop, "INTERVAL", 0.0)
 
 

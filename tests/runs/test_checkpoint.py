@@ -1,7 +1,6 @@
 """Arrays on disk: loaded bit for bit as they were stored; damage is named."""
 
 import errno
-import hashlib
 import json
 import os
 import shutil
@@ -125,24 +124,14 @@ def alter(**changes):
 
 DAMAGE = [
     (".safetensors", truncate, "truncated or altered"),
-    (".safetensors", lambda path: path.write_bytes(b""), "truncated or altered"),
     (".safetensors", flip, "truncated or altered"),
-    (".safetensors", swap, "truncated or altered"),
     (".safetensors", os.remove, "is missing"),
     (".safetensors", link, "not a regular file"),
-    (".safetensors", replace_by_folder, "not a regular file"),
     (".safetensors", lambda path: os.truncate(path, 10**9), "larger than"),
     (".json", lambda path: path.write_bytes(path.read_bytes()[:50]), "not valid JSON"),
-    (".json", lambda path: path.write_text("[" * 100_000), "not valid JSON"),
-    (".json", lambda path: path.write_text("[]"), "not a manifest"),
     (".json", swap, "belongs to"),
-    (".json", link, "not a regular file"),
-    (".json", lambda path: path.write_bytes(b" " * 5_000_000), "larger than"),
     (".json", alter(meta={"chunk": 99}), "was altered"),
-    (".json", alter(settings_digest="e" * 64), "was altered"),
-    (".json", alter(sha256=3), "was altered"),
     (".json", alter(version=99), "has format version 99"),
-    (".json", alter(format="other"), "has format other"),
 ]
 
 
@@ -167,17 +156,6 @@ def test_the_newest_whole_one_is_taken_or_it_is_said_why_not(stored, tmp_path):
         truncate(stored / f"{name}.safetensors")
     with pytest.raises(CheckpointError, match=r"no checkpoint can be used; the newest: .*trunc"):
         newest_valid(stored, ARRAYS, DIGEST)
-
-
-def test_data_that_is_no_safetensors_file(stored):
-    data = b"\xff" * 64
-    (stored / f"{NEWEST}.safetensors").write_bytes(data)
-    manifest = json.loads((stored / f"{NEWEST}.json").read_text())
-    manifest["sha256"] = hashlib.sha256(data).hexdigest()
-    manifest["manifest_sha256"] = checkpoint._digest_of(manifest)
-    (stored / f"{NEWEST}.json").write_text(json.dumps(manifest))
-    with pytest.raises(CheckpointError, match="not a safetensors file"):
-        load(stored, NEWEST, ARRAYS)
 
 
 def test_other_settings_are_refused(stored):
@@ -206,7 +184,7 @@ def test_numbers_that_are_not_finite(tmp_path, value):
         load(tmp_path, "bad")
 
 
-@pytest.mark.parametrize("allowed", [0, 100, 400, 700])
+@pytest.mark.parametrize("allowed", [0, 400])
 @pytest.mark.parametrize("chunk", [10, 11])
 def test_a_full_disk_leaves_the_old_checkpoint_whole(stored, monkeypatch, allowed, chunk):
     before = contents(stored)
@@ -304,15 +282,6 @@ def test_a_folder_among_checkpoints_is_left_alone(stored, name):
     assert (stored / name).is_dir()
     kept = {f"{checkpoint_name(0, chunk)}{ending}" for chunk in (10, 11) for ending in ENDINGS}
     assert {path.name for path in stored.iterdir()} == kept | {name}
-
-
-def test_what_is_left_of_one_without_its_manifest_goes(stored):
-    """As a kill leaves it that comes between the two names."""
-    (stored / f"{NEWEST}.json").unlink()
-    assert newest_valid(stored, ARRAYS, DIGEST)[0].meta["chunk"] == 9
-    store(stored, 11)
-    assert chunks(stored) == [9, 11]
-    assert len(list(stored.iterdir())) == 4
 
 
 @pytest.mark.parametrize("chunk", [10, 11])

@@ -112,9 +112,7 @@ def huge(settings, world, steering, accident):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("controller", "level"),
-    [("single-level", "single_level"), ("h-dqn", "high_level")],
-    ids=str,
+    ("controller", "level"), [("single-level", "single_level"), ("h-dqn", "high_level")], ids=str
 )
 def test_a_loss_that_overflows(tmp_path, controller, level):
     path, task = tmp_path / "run", lanewise.TaskFunctions(reward=huge)

@@ -54,17 +54,6 @@ def test_a_resumed_file_has_the_bytes_of_one_never_stopped(tmp_path):
     assert stopped.read_bytes() == whole.read_bytes()
 
 
-def test_a_fresh_start_empties_the_file_and_timings_are_kept(tmp_path):
-    path = tmp_path / "metrics.jsonl"
-    write(path, range(3))
-    write(path, range(2))
-    assert len(read(path)) == 2
-    with path.open("ab") as file:
-        file.write(b'{"sec')
-    write(path, range(2), resume_at=None)
-    assert len(read(path)) == 4
-
-
 def test_what_is_to_be_cut_off_is_copied_beside_whatever_was_before(tmp_path):
     path = tmp_path / "metrics.jsonl"
     assert keep_copy(path, 0) is None
@@ -103,7 +92,7 @@ def test_a_file_that_lost_lines_is_refused(tmp_path):
         MetricsWriter(path, length)
 
 
-@pytest.mark.parametrize("resume_at", [0, None])
+@pytest.mark.parametrize("resume_at", [0])
 def test_a_second_name_of_the_metrics_is_not_cut_short(tmp_path, resume_at):
     """Backups keep old states of a run as hard links."""
     kept = tmp_path / "backup.jsonl"
@@ -112,12 +101,6 @@ def test_a_second_name_of_the_metrics_is_not_cut_short(tmp_path, resume_at):
     with pytest.raises(RunError, match=r"metrics.jsonl: another name .* resume the copy"):
         MetricsWriter(tmp_path / "metrics.jsonl", resume_at)
     assert kept.read_text().endswith("half a li")
-
-
-def test_a_pipe_is_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "metrics.jsonl")
-    with pytest.raises(RunError, match="a pipe or a device"):
-        MetricsWriter(tmp_path / "metrics.jsonl")
 
 
 def test_values_are_plain_json(tmp_path):
@@ -132,9 +115,7 @@ def test_values_are_plain_json(tmp_path):
     ("text", "end", "says"),
     [
         ('{"a": 1\n{"a": 2}\n', None, "not valid JSON"),
-        ("[1]\n", None, "it is no object"),
         ('{"a": [1.5]}\n', None, "a is no plain value"),
-        ("{}", 2, "no line ends at byte 2"),
         ("{}\n", 4, "truncated: 3 of 4 bytes"),
     ],
 )
@@ -185,8 +166,6 @@ def test_records_are_read_up_to_a_mark_as_they_were_written(tmp_path):
         ([0.5, 0.4, 0.3], None),
         # Settled before the first record, as after 1000 steps of 32 worlds.
         ([0.1, 0.1], 0),
-        ([0.1], None),
-        ([None, None], None),
         ([None, 0.5, 0.02, 0.02], 2),
     ],
 )

@@ -54,10 +54,14 @@ def run(code, timeout=100):
 @pytest.mark.parametrize(
     "code",
     [
-        pytest.param(f"{USED}\n{ENVIRONMENTS.format(kwargs={'context': 'fork'})}", id="async"),
+        pytest.param(
+            f"{USED}\n{ENVIRONMENTS.format(kwargs={'context': 'fork'})}",
+            id="async",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(f"{USED}\n{POOL}", id="pool"),
-        pytest.param(ALREADY_MADE, id="made-before"),
-        pytest.param(f"{USED}\n{OWN_PARTS}", id="own-parts"),
+        pytest.param(ALREADY_MADE, id="made-before", marks=pytest.mark.slow),
+        pytest.param(f"{USED}\n{OWN_PARTS}", id="own-parts", marks=pytest.mark.slow),
     ],
 )
 def test_it_is_refused_at_once(code):

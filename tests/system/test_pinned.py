@@ -1,6 +1,6 @@
 """The same seed gives the same bytes whatever JAX's switches say, and leaves them as they were."""
 
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import gymnasium
 import jax
@@ -68,8 +68,9 @@ def pure():
 
 
 def trained():
-    settings = config.compose(flags=small_runs.flags(1))
-    course = recipe.stage_config(settings, recipe.RECIPES["single-level"][0])
+    """A chunk of the training that many tests share (`conftest.whole`)."""
+    settings = config.compose(flags=small_runs.flags(5))
+    course = recipe.stage_config(settings, recipe.RECIPES["hierarchical"][0])
     state, _ = stage.advance(course, {}, stage.begin(course, {}, pinned.key(2)))
     return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(state.learners)])
 
@@ -78,17 +79,29 @@ def started():
     return np.asarray(jax.random.key_data(trap.start_key(11, "test", 4)))
 
 
-@pytest.fixture(scope="module")
-def expected():
-    return {find: find() for find in (single, several, pure, trained, started)}
+ALL = [name for name in SWITCHES if name != "jax_disable_jit"]
+"""But for the one without which nothing is compiled."""
 
 
-@pytest.mark.parametrize("name", SWITCHES)
-def test_a_switch_of_jax_changes_nothing(name, expected):
-    with SWITCHES[name]():
+def check(names, finders):
+    """What is found with these switches is what is found without."""
+    expected = {find: find() for find in finders}
+    with ExitStack() as switched:
+        for name in names:
+            switched.enter_context(SWITCHES[name]())
         before = dict(jax.config.values)
         found = {find: find() for find in expected}
         assert dict(jax.config.values) == before
         for find, numbers in expected.items():
             assert found[find].dtype == numbers.dtype
             np.testing.assert_array_equal(found[find], numbers, err_msg=find.__name__)
+
+
+def test_switches_of_jax_change_nothing():
+    check(ALL, (single, trained, started))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SWITCHES)
+def test_each_switch_of_jax_changes_nothing(name):
+    check([name], (single, several, pure, trained, started))

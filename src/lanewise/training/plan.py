@@ -110,7 +110,8 @@ class TrainingPlan:
                 jax.eval_shape(partial(stage.advance, each.config), frozen, state)
                 worlds = jax.eval_shape(partial(evaluator.start_block, each.validation, 0, 0))
                 levels = frozen | self.weights[each.name]
-                jax.eval_shape(partial(evaluator.drive_block, each.validation), levels, worlds)
+                test = evaluator.of_any_start(each.validation)
+                jax.eval_shape(partial(evaluator.drive_block, test), levels, worlds)
         return observed
 
 
