@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from lanewise.cli.main import main
-from lanewise.experiments import drives, schedule
+from lanewise.experiments import drives, experiment_folder, schedule
 from lanewise.report import provenance
 from lanewise.system import folder_io, version
 
@@ -89,6 +89,7 @@ def test_arms_of_another_trap_in_the_folder_are_refused(done, tmp_path):
     out, _ = done
     folder = tmp_path / "out"
     shutil.copytree(out / "runs" / "single-level", folder / "runs" / "single-level")
+    shutil.copy(out / experiment_folder.NAME, folder)
     words = ["--only", "hierarchical", "--trap", "trap-10.9", *TINY]
     command = [sys.executable, "-m", "lanewise", "reproduce", "--out", str(folder), *words]
     result = subprocess.run(command, capture_output=True, text=True, timeout=600)

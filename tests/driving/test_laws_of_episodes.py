@@ -31,12 +31,12 @@ def starts(indices):
 
 @jax.jit
 def drive(worlds, actions):
-    """(episode after, outcome, episode before) of every decision; actions int32 [D, W]."""
+    """(episode after, episode before) of every decision; actions int32 [D, W]."""
 
     def decide(states, chosen):
         step = jax.vmap(lambda state, action: episode.step(DRIVING, state, action, DECISIONS))
-        after, outcome = step(states, chosen)
-        return after, (after, outcome, states)
+        after = step(states, chosen)
+        return after, (after, states)
 
     return jax.lax.scan(decide, jax.vmap(episode.begin)(worlds), actions)[1]
 
@@ -55,21 +55,21 @@ def test_success_stays_and_one_ending_ends_an_episode(actions):
     right = jnp.where(jnp.arange(COUNT) % 2 == 0, worlds.road.centre[:, -1], 0.0)
     vehicles = replace(worlds.vehicles, y=worlds.vehicles.y.at[:, 0].set(right))
     found = jax.tree.map(np.array, drive(replace(worlds, vehicles=vehicles), actions))
-    after, outcome, before = found
-    ended = (outcome.terminated | outcome.truncated).cumsum(axis=0)
+    ended = found[0].outcome.over.cumsum(axis=0)
     # What comes after an ending is no part of the episode.
-    after, outcome, before = jax.tree.map(
+    after, before = jax.tree.map(
         lambda leaf: leaf[np.concatenate([np.zeros((1, COUNT)), ended[:-1]]) == 0], found
     )
-    gained = after.escaped & ~before.escaped
+    outcome, now, then = after.outcome, after.stats, before.stats
+    gained = now.escaped & ~then.escaped
     assert gained.any()
     assert outcome.terminated.any()
     assert outcome.truncated.any()
-    assert (after.escaped | ~before.escaped).all()
+    assert (now.escaped | ~then.escaped).all()
     assert not (gained & outcome.terminated).any()
-    np.testing.assert_array_equal(after.decisions, before.decisions + 1)
+    np.testing.assert_array_equal(now.decisions, then.decisions + 1)
     np.testing.assert_array_equal(outcome.terminated, outcome.accident != accidents.NONE)
-    last = after.decisions == DECISIONS
+    last = now.decisions == DECISIONS
     np.testing.assert_array_equal(outcome.truncated, last & ~outcome.terminated)
     penalty = outcome.reward == -DRIVING.reward.accident_penalty
     np.testing.assert_array_equal(penalty, outcome.terminated)

@@ -43,7 +43,7 @@ def test_a_whole_loop_in_one_compiled_call():
         states, steps = jax.vmap(partial(functional.step, TASK))(states, actions)
         done = steps.terminated | steps.truncated
         states, seen = functional.restarted(TASK, states, steps, jax.random.split(fresh, worlds))
-        return (states, seen), (done, steps.observation, seen, states.episode.decisions)
+        return (states, seen), (done, steps.observation, seen, states.episode.stats.decisions)
 
     @jax.jit
     def loop(key):

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from lanewise.driving.episode import EpisodeStats
-from lanewise.training import rollout, stage
+from lanewise.training import stage
 
 
 @jax.tree_util.register_dataclass
@@ -108,25 +108,27 @@ class Seen(EpisodeStats):
 
 
 def noting(config):
-    """The course with a controller that notes."""
+    """The stage config with a controller that notes."""
     return replace(config, controller=NotedController(config.controller))
 
 
 def drive(monkeypatch, config, frozen, key, chunks):
     """The stage itself, chunk by chunk: (its last state, the notes [iterations, worlds])."""
-    own = rollout.step
+    own, restart = stage._drive, stage.restarting.restart_finished
+    ended = []
 
-    def noted(config, parameters, before, epsilon, key):
-        after, emitted = own(config, parameters, before, epsilon, key)
-        stats = after.episode.stats
-        notes = Seen(
-            **{name: getattr(stats, name) for name in EpisodeStats.__dataclass_fields__},
-            notes=after.memory.notes,
-            paid=stats.outcome.reward,
-        )
-        return replace(after, episode=replace(after.episode, stats=notes)), emitted
+    def noted_restart(over, rollouts, begin):
+        ended.append(rollouts)
+        return restart(over, rollouts, begin)
 
-    monkeypatch.setattr(stage.rollout, "step", noted)
+    def noted_drive(config, frozen, state, key):
+        after, stats = own(config, frozen, state, key)
+        facts = {name: getattr(stats, name) for name in EpisodeStats.__dataclass_fields__}
+        notes = ended.pop().memory.notes
+        return after, Seen(**facts, notes=notes, paid=stats.outcome.reward)
+
+    monkeypatch.setattr(stage.restarting, "restart_finished", noted_restart)
+    monkeypatch.setattr(stage, "_drive", noted_drive)
     advance = jax.jit(partial(stage.iterate, config, frozen, count=stage.CHUNK))
     state = stage.begin(config, frozen, key)
     seen = []
@@ -136,13 +138,13 @@ def drive(monkeypatch, config, frozen, key, chunks):
     return state, jax.tree.map(lambda *parts: np.concatenate(parts), *seen)
 
 
-def finish_chunk(config, seen, name):
+def book(config, seen, name):
     """The rows of a level's replay, in the order in which they are written.
 
     Without those of the last iteration: whether a choice follows it is not noted.
 
     Args:
-        course: of the stage.
+        config: of the stage.
         seen: [iterations, worlds] facts and notes.
         name: of the level.
     """
@@ -177,7 +179,7 @@ def _episode(level_settings, seen, name, view):
     """Of one episode, maybe cut short: (first decision, last decision, row) of each transition."""
     ready = np.flatnonzero(seen.notes[f"{name} ready"])
     over, length = bool(seen.outcome.over[-1]), len(seen.outcome.over)
-    terminated = over and int(seen.accident[-1]) != 0
+    terminated = over and int(seen.outcome.accident[-1]) != 0
     gamma, found = level_settings.learner.discount, []
     for number, start in enumerate(ready):
         later = ready[number + 1 : number + 1 + level_settings.returns]

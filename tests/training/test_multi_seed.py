@@ -16,10 +16,10 @@ def test_seeds_together_are_the_seeds_alone():
     for number, key in enumerate(keys):
         alone, one = stage.advance(COURSE, {}, stage.begin(COURSE, {}, key))
         of_it = jax.tree.map(lambda leaf, number=number: leaf[number], metrics)
-        np.testing.assert_array_equal(of_it.finished.done, one.finished.done)
-        np.testing.assert_allclose(of_it.finished.reward, one.finished.reward, atol=1e-4)
+        np.testing.assert_array_equal(of_it.episodes.outcome.over, one.episodes.outcome.over)
+        np.testing.assert_allclose(of_it.episodes.reward, one.episodes.reward, atol=1e-4)
         updates = states.learners["single_level"].updates
         assert int(updates[number]) == int(alone.learners["single_level"].updates) > 0
-        rewards.append(np.asarray(one.finished.reward).tobytes())
+        rewards.append(np.asarray(one.episodes.reward).tobytes())
     assert len(set(rewards)) == len(keys)
     assert int(states.iteration) == stage.CHUNK
