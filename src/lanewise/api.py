@@ -37,11 +37,7 @@ from lanewise.training.plan import TrainingPlan
 __all__ = ["Evaluation", "TaskFunctions", "evaluate", "train"]
 
 SECTIONS = tuple(part.name for part in fields(Settings))
-"""Of the settings, what a training heeds: all."""
-SEED = FieldType(int, None, SEEDS)
-"""As of the command line."""
-COUNT = FieldType(int, None, EPISODES)
-"""As of the command line."""
+SEED, COUNT = FieldType(int, None, SEEDS), FieldType(int, None, EPISODES)
 PATH, SWITCH, TEXT = FieldType(Path), FieldType(bool), FieldType(str)
 
 
@@ -73,8 +69,7 @@ class Evaluation:
         """Draw an episode from above into a .gif or .mp4.
 
         Raises:
-            LanewiseError: the file cannot be written, or belongs to a run, or a package of the
-                extra ``report`` is missing.
+            LanewiseError: the file cannot be written or belongs to a run, or a package is missing.
         """
         from lanewise.report import clip
 
@@ -112,13 +107,13 @@ def train(
     preset: str | None = None,
     trap: str | None = None,
     task: TaskFunctions = PAPER_TASK,
-    high_level: Path | str | None = None,
+    high_level_of: Path | str | None = None,
     resume: bool = False,
     tensorboard: bool = False,
     quiet: bool = False,
     **settings: Any,
 ) -> Path:
-    """Train a controller into a run folder, as ``lanewise train`` does, with functions of your own.
+    """Train a controller into a run folder, as ``lanewise train`` does.
 
     Args:
         out: the run folder: new or empty, or a stopped run together with ``resume``.
@@ -127,24 +122,23 @@ def train(
         seed: of everything random; 0 by default.
         preset: a training preset; ``quick`` by default.
         trap: a scenario preset; ``trap-10`` by default.
-        task: functions of the user's own for start, observation, reward and success. The run
-            remembers their names; `evaluate` and ``resume`` want the same ones.
-        high_level: a run whose finished step 1 is taken over; step 2 alone is then trained.
-        resume: continue the run in the folder, to the same bits as if it had never stopped. It
-            brings its own settings and seed: either may be left out, or given as it was.
+        task: your own functions for start, observation, reward and success. The run stores their
+            names; `evaluate` and ``resume`` need the same functions.
+        high_level_of: a run whose finished step 1 is taken over; only step 2 is then trained.
+        resume: continue the run in the folder, to the same bits as if it had never stopped, with
+            its own settings and seed.
         tensorboard: also write TensorBoard's events.
-        quiet: show no progress; warnings are still told.
+        quiet: show no progress, only warnings.
         settings: any setting, named as for `lanewise.envs.functional.make`. Those of a TOML file
             are ``**tomllib.loads(text)``.
 
     Returns:
-        The run folder, to be given to `evaluate`.
+        The run folder, for `evaluate`.
 
     Raises:
-        LanewiseError: an argument makes no sense, or the folder holds something else, such as a
-            run made with another seed or other settings.
-        KeyboardInterrupt: Ctrl-C or SIGTERM, heard once the chunk under way is saved, at a second
-            one at once. A line on standard error, and a note on the exception, say how to go on.
+        LanewiseError: an argument is wrong, or the folder holds another run or anything else.
+        KeyboardInterrupt: Ctrl-C or SIGTERM; raised once the chunk under way is saved, or at once
+            the second time. A note on the exception says how to continue.
     """
     process.refuse_forked()
     path: Path = PATH.check("out", out)
@@ -155,15 +149,11 @@ def train(
         SWITCH.check(name, value)
     if tensorboard:
         metric_sinks.tensorboard_writer()
-    lender = None if high_level is None else PATH.check("high_level", high_level)
+    lender = None if high_level_of is None else PATH.check("high_level_of", high_level_of)
     if lender is not None and controller not in WITH_STEP_1:
-        raise RunError(f"high_level: only {' and '.join(WITH_STEP_1)} controllers have a step 1")
-    composed = keywords.compose(
-        "quick" if preset is None else preset,
-        "trap-10" if trap is None else trap,
-        settings,
-        SECTIONS,
-    )
+        raise RunError(f"high_level_of: only {' and '.join(WITH_STEP_1)} controllers have a step 1")
+    presets = ("quick" if preset is None else preset, "trap-10" if trap is None else trap)
+    composed = keywords.compose(*presets, settings, SECTIONS)
     with _file_errors("write", path):
         if resume:
             given = preset is not None or trap is not None or settings
@@ -194,7 +184,7 @@ def train(
 
 @contextmanager
 def _file_errors(verb: str, path: Path) -> Iterator[None]:
-    """Turns the system's errors with files into ours, as the command line does."""
+    """Turn the system's errors with files into Lanewise's, as the command line does."""
     try:
         yield
     except OSError as error:
@@ -210,7 +200,7 @@ def _again(folder: RunFolder, lender: Path | None, task: TaskFunctions) -> str:
     if task.names():
         words.append("task=...")
     if lender is not None and not folder.stages.exists():
-        words.append(f"high_level={str(lender)!r}")  # not taken over yet
+        words.append(f"high_level_of={str(lender)!r}")  # not taken over yet
     return f"lanewise.train({', '.join([*words, 'resume=True'])})"
 
 
@@ -229,33 +219,31 @@ def evaluate(
 ) -> Evaluation:
     """Test a policy as the paper tests its controllers: greedy episodes from the test start.
 
-    Nothing is loaded that could hold code: to test an agent of another library, load it yourself
-    and hand it over.
+    Nothing is loaded that could hold code. Load an agent of another library yourself.
 
     Args:
-        policy: a function from observations (float32 [26], or a batch [B, 26]) to actions, which
-            remembers nothing; an object with ``predict`` as Stable-Baselines3's agents, which may;
-            or one of ours: a run folder, ``pretrained/NAME``, ``reference/NAME``.
-        name: in the table; ``policy`` by default. Ours have their own.
-        actions: what the policy chooses: ``low-level`` actions (the default), ``goal`` (heeded
-            where the goal critic wants a new one) or ``continuous`` acceleration and steering. Not
-            for ours.
+        policy: a function from observations (float32 [26], or a batch [B, 26]) to actions, without
+            memory; an object with ``predict`` as Stable-Baselines3's agents, which may have one;
+            or a run folder, ``pretrained/NAME``, ``reference/NAME``.
+        name: in the table; ``policy`` by default. Trained controllers have their own.
+        actions: what your policy chooses: ``low-level`` actions (the default), ``goal`` (used
+            where the goal critic asks for a new one) or ``continuous`` acceleration and steering.
         world: ``lanewise``, or ``highway-env`` for the real one.
         episodes: number of test episodes, at most 10,000,000.
         seed: of the starts.
-        batched: whether a function takes batches; None finds out. For functions only.
+        batched: whether a function takes batches; None tries it. For functions only.
         deterministic: ask ``predict`` for its deterministic action, and refuse a function that
-            answers the same observation differently; False for a policy that draws at random.
+            answers the same observation differently; False for a random policy.
         quiet: show no progress.
         settings: as of `lanewise.envs.functional.make`, such as ``duration``, ``task`` and any
-            setting of scenario and driving; a controller of ours brings its own settings, and
-            wants the ``task`` it was trained with.
+            setting of scenario and driving. A trained controller has its own settings, and needs
+            the ``task`` it was trained with.
 
     Returns:
         Metrics, outcomes, and episodes to look at.
 
     Raises:
-        LanewiseError: an argument makes no sense, or the policy chose what does not exist.
+        LanewiseError: an argument is wrong, or the policy chose an action that does not exist.
     """
     process.refuse_forked()
     look_up("world", world, dict.fromkeys(WORLDS))
@@ -294,7 +282,7 @@ def evaluate(
 def _ours(
     policy: str | Path | Trained, world: str, episodes: int, seed: int, quiet: bool, settings: Any
 ) -> Evaluation:
-    """A controller of ours, with the settings of its own run."""
+    """The test of a trained controller, with the settings of its own run."""
     task = checked(settings.pop("task")) if "task" in settings else None
     if settings:
         raise LanewiseError(
@@ -320,7 +308,7 @@ def _ours(
 
 
 def _summary(found: Episodes, name: str, world: str, config: EvaluationConfig) -> Summary:
-    """The metrics of a test, which knows whether it is the paper's."""
+    """The metrics of a test, and what makes it unlike the paper's."""
     seconds: Any = config.duration / config.driving.decision_frequency
     settings = replace(
         Settings(),
@@ -335,7 +323,7 @@ def _summary(found: Episodes, name: str, world: str, config: EvaluationConfig) -
 def _course(actions: str, settings: dict[str, Any]) -> tuple[EvaluationConfig, int]:
     """(the test with these settings and the controller that takes the choices, their number).
 
-    The number is 0 for continuous actions. The policy's name stays out of it: the test is static,
+    The number is 0 for continuous actions. The policy's name is left out: the test is static, and
     another name would be compiled anew.
     """
     given: dict[str, Any] = {"split": "test"} | settings

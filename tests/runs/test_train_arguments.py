@@ -15,13 +15,23 @@ from lanewise.training.plan import TrainingPlan
 @pytest.fixture
 def run(tmp_path):
     """Stopped before its first chunk; not of the default preset, trap or seed."""
-    settings = config.compose("paper", "trap-10.9", flags={"goals.time_limit": 5})
+    flags = {"goals.time_limit": 5, "high_level.returns": 2}
+    settings = config.compose("paper", "trap-10.9", flags=flags)
     RunFolder.create(tmp_path / "run", settings, "hierarchical", 3).close()
     return tmp_path / "run"
 
 
-MADE_WITH = {"preset": "paper", "trap": "trap-10.9", "goals": {"time_limit": 5}}
-SAID = ("--preset", "paper", "--trap", "trap-10.9", "--goals.time-limit", "5")
+MADE_WITH = {
+    "preset": "paper",
+    "trap": "trap-10.9",
+    # As `tomllib` reads a settings file.
+    "goals": {"time_limit": 5},
+    "high_level": {"returns": 2},
+}
+SAID = (
+    *("--preset", "paper", "--trap", "trap-10.9"),
+    *("--goals.time-limit", "5", "--high-level.returns", "2"),
+)
 
 
 @pytest.fixture
@@ -82,8 +92,8 @@ def test_what_is_no_path_is_refused(tmp_path, monkeypatch, trained, given):
         lanewise.train(given)
     assert len(str(refused.value).splitlines()) == 1
     if given is not None:
-        with pytest.raises(LanewiseError, match=said.format("high_level")):
-            lanewise.train("run", high_level=given)
+        with pytest.raises(LanewiseError, match=said.format("high_level_of")):
+            lanewise.train("run", high_level_of=given)
     assert trained == []
     assert list(tmp_path.iterdir()) == []
 
@@ -135,5 +145,5 @@ def test_a_step_1_that_was_not_taken_over_yet_is_given_again(tmp_path, run, monk
     for taken_over in (False, True):
         out = tmp_path / str(taken_over)
         with pytest.raises(KeyboardInterrupt) as caught:
-            lanewise.train(out, high_level=run)
-        assert (f"high_level={str(run)!r}" in caught.value.__notes__[0]) != taken_over
+            lanewise.train(out, high_level_of=run)
+        assert (f"high_level_of={str(run)!r}" in caught.value.__notes__[0]) != taken_over
