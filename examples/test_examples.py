@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from stable_baselines3.common.env_checker import check_env
 
-from lanewise.registration import ENVIRONMENTS
+from lanewise.envs.registration import ENVIRONMENTS
 
 HERE = Path(__file__).parent
 LEARNERS = ("sb3_dqn", "sb3_ppo", "cleanrl_style_dqn", "tianshou_double_dqn", "jax_loop")

@@ -28,7 +28,7 @@ REASONED = {
     ("cli/main.py", "import_module"): "a command's module: names from the table of commands",
     ("controllers/registry.py", "import_module"): "a controller's class: names from the registry",
     ("report/installation.py", "import_module"): "doctor: names from Lanewise's own metadata",
-    ("registration.py", "exec_module"): "Gymnasium's own module, once somebody imports it",
+    ("envs/registration.py", "exec_module"): "Gymnasium's own module, once somebody imports it",
     ("bench/worker.py", "run_path"): "bench: a workload, named by the table of benchmarks",
     ("experiments/drives.py", "np.load"): "recorded drives: arrays alone, as allow_pickle is False",
     ("experiments/drives.py", "allow_pickle"): "False",

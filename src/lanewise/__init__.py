@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from lanewise import registration
+from lanewise.envs import registration
 from lanewise.system import process
 from lanewise.system.version import __version__
 

@@ -47,7 +47,7 @@ ORDERS = {
     "failed at first": f"{FAIL}\n{MAKE}",
     "reloaded": f"import importlib, lanewise, gymnasium; importlib.reload(gymnasium); {MAKE}",
     "imported anew": f"{FORGET}\n{MAKE}",
-    "lanewise twice": f"import sys, lanewise; sys.modules.pop('lanewise.registration'); "
+    "lanewise twice": f"import sys, lanewise; sys.modules.pop('lanewise.envs.registration'); "
     f"sys.modules.pop('lanewise'); import lanewise, gymnasium; {MAKE}",
     "long after": f"import lanewise.cli, json; import gymnasium as gym; import gymnasium; {MAKE}",
 }

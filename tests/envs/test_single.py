@@ -19,8 +19,8 @@ from lanewise import config
 from lanewise.config.settings import Settings
 from lanewise.driving import observation
 from lanewise.envs import keywords, single
+from lanewise.envs.registration import ENVIRONMENTS
 from lanewise.errors import LanewiseError, SettingsError
-from lanewise.registration import ENVIRONMENTS
 
 IDLE, FASTER = 4, 7
 FASTER_BY_ID = {

@@ -8,9 +8,9 @@ import sys
 import numpy as np
 import pytest
 
-from lanewise import extras
 from lanewise.errors import LanewiseError, RunError
 from lanewise.report import markup, output_files
+from lanewise.system import extras
 
 
 def test_what_json_knows_keeps_its_type():

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
-from lanewise import config, extras
+from lanewise import config
 from lanewise.cli.command_line import Parsed
 from lanewise.config import validation
 from lanewise.config.settings import TRAPS, Settings
@@ -17,7 +17,7 @@ from lanewise.experiments import experiment as experiments
 from lanewise.experiments import experiment_folder
 from lanewise.experiments.experiment import BUILT_IN, Experiment
 from lanewise.fields.ranges import EPISODES, SEEDS, Between, OneOf
-from lanewise.system import folder_io, process
+from lanewise.system import extras, folder_io, process
 from lanewise.system.progress import tell
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
-from lanewise import config, extras
+from lanewise import config
 from lanewise.cli import journal as journals
 from lanewise.cli.command_line import Parsed
 from lanewise.cli.journal import Journal
@@ -19,6 +19,7 @@ from lanewise.fields.ranges import SEEDS, Between
 from lanewise.runs import pretrained
 from lanewise.runs.run_folder import RunFolder
 from lanewise.scenario.settings import EgoSpeed, FrontDistance, Lanes, SideDistance, TrapSpeed
+from lanewise.system import extras
 from lanewise.system.folder_io import publish
 from lanewise.system.progress import Progress
 

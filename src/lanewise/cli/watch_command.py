@@ -4,12 +4,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from lanewise import extras
 from lanewise.cli.command_line import Parsed
 from lanewise.errors import SettingsError
 from lanewise.evaluation.settings import WORLDS
 from lanewise.fields.ranges import SEEDS, Between, OneOf
 from lanewise.runs import pretrained
+from lanewise.system import extras
 from lanewise.system.progress import tell
 
 FORMATS = (".gif", ".mp4")

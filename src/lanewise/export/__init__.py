@@ -2,7 +2,7 @@
 
 from types import ModuleType
 
-from lanewise.extras import install, needed_for
+from lanewise.system.extras import install, needed_for
 
 
 def onnx_models() -> ModuleType:

@@ -2,7 +2,7 @@
 
 from types import ModuleType
 
-from lanewise.extras import install, needed_for
+from lanewise.system.extras import install, needed_for
 
 
 def evaluation_in_highway_env() -> ModuleType:

@@ -10,9 +10,9 @@ import numpy as np
 
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import Recording
-from lanewise.extras import needed_for
 from lanewise.report.frame import COLOURS, SIZE, frame
 from lanewise.report.output_files import replacing
+from lanewise.system.extras import needed_for
 
 with needed_for("a clip"):
     from PIL import Image

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
-from lanewise.extras import needed_for
 from lanewise.report.markup import line
 from lanewise.report.output_files import replacing
+from lanewise.system.extras import needed_for
 
 with needed_for("a figure"):
     import matplotlib.style

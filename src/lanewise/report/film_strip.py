@@ -6,10 +6,10 @@ import numpy as np
 
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import ACCIDENTS, Recording
-from lanewise.extras import needed_for
 from lanewise.report import figure_style as style
 from lanewise.report import road_shapes
 from lanewise.report.road_shapes import Moment
+from lanewise.system.extras import needed_for
 
 with needed_for("the film strip"):
     from matplotlib.axes import Axes

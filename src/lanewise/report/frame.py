@@ -3,9 +3,9 @@
 from math import isnan
 
 from lanewise.evaluation.episodes import ACCIDENTS, Recording
-from lanewise.extras import needed_for
 from lanewise.report import road_shapes
 from lanewise.report.road_shapes import Moment, Point
+from lanewise.system.extras import needed_for
 
 with needed_for("drawing a recording"):
     from PIL import Image, ImageDraw, ImageFont

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import ACCIDENTS, Recording
-from lanewise.extras import needed_for
 from lanewise.report import figure_style as style
 from lanewise.report import road_shapes
 from lanewise.report.figure_style import STYLES, Floats, Look
+from lanewise.system.extras import needed_for
 
 with needed_for("the goals figure"):
     from matplotlib.axes import Axes

@@ -8,8 +8,8 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, packages_distributions, requires, version
 from typing import Any
 
-from lanewise.extras import install
 from lanewise.report import provenance
+from lanewise.system.extras import install
 
 FEATURES = {
     "": "training, tests, environments",

@@ -7,9 +7,9 @@ import numpy as np
 
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import Recording
-from lanewise.extras import needed_for
 from lanewise.report import figure_style as style
 from lanewise.report.figure_style import Floats, Look, Style
+from lanewise.system.extras import needed_for
 
 with needed_for("the profiles"):
     from matplotlib.artist import Artist

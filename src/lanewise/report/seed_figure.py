@@ -6,11 +6,11 @@ from textwrap import fill
 import numpy as np
 
 from lanewise.evaluation.metrics import METRICS, PUBLISHED, Metric
-from lanewise.extras import needed_for
 from lanewise.report import figure_style as style
 from lanewise.report.experiment_tables import ArmFigures
 from lanewise.report.figure_style import Style
 from lanewise.report.tables import head, scale
+from lanewise.system.extras import needed_for
 
 with needed_for("the figure of all seeds"):
     from matplotlib.artist import Artist

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from lanewise.evaluation.grid import Cell, fold, pool
-from lanewise.extras import needed_for
 from lanewise.report import figure_style as style
 from lanewise.report.figure_style import Look
+from lanewise.system.extras import needed_for
 
 with needed_for("the map"):
     import matplotlib

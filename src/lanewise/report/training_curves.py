@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
-from lanewise.extras import needed_for
 from lanewise.report import figure_style as style
 from lanewise.report.figure_style import Floats, Look, Style
 from lanewise.runs.metrics_file import settled_at
+from lanewise.system.extras import needed_for
 
 with needed_for("the training figure"):
     from matplotlib.artist import Artist

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from typing import Any, Self
 
-from lanewise.extras import install, needed_for
 from lanewise.runs import metrics_file
 from lanewise.runs.metrics_file import COLUMNS
+from lanewise.system.extras import install, needed_for
 from lanewise.system.folder_io import OpenFolder
 
 TABLES = {"episode": "episodes.csv", "chunk": "chunks.csv"}
