@@ -59,6 +59,17 @@ def compiled_programs(pytestconfig: pytest.Config) -> Iterator[None]:
     jax.clear_caches()
 
 
+@pytest.fixture
+def unoptimised(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Programs compile in two thirds of the time, here and in commands: where no bit matters."""
+    import jax
+
+    monkeypatch.setenv("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)
+
+
 @pytest.fixture(scope="session")
 def _hierarchical_runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """One training of both steps: (the finished run, a copy made within step 2, as by a kill).

@@ -4,6 +4,7 @@ The controller drives; the exported policy is shown the same, carries its own me
 choose the same. Where it does not, it is counted, and goes on with the controller's memory.
 """
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -124,18 +125,14 @@ def agreement(
 
 def drives(config: EvaluationConfig, parameters: Parameters, seed: int) -> Iterator[Decision]:
     """The greedy controller's decisions from each block of starts, [T, B]."""
-    first = 0
-    while True:
+    for first in itertools.count(0, evaluator.BLOCK):
         worlds = evaluator.start_block(config, seed, first)
         decisions: Decision = jax.device_get(_drive(config, parameters, worlds))
         yield decisions
-        first += evaluator.BLOCK
 
 
 @pinned.jit(static_argnums=0)
 def _drive(config: EvaluationConfig, parameters: Parameters, worlds: World) -> Decision:
-    """All episodes of a block, [T, B]."""
-
     def decide(drive: Drive, _: None) -> tuple[Drive, Decision]:
         action, memory, traces = evaluator.act(config, parameters, drive)
         live = ~drive.episode.outcome.over
@@ -175,13 +172,8 @@ def decision(
 def _exported(controller: Controller, memory: Memory) -> dict[str, Array]:
     """A controller's memory in the parts of an exported policy's."""
     if isinstance(memory, TwoLevelMemory):
-        goal = memory.goal
-        return {
-            "begins": goal.due,
-            "goal_lane": goal.goal.lane,
-            "goal_speed": goal.goal.speed,
-            "age": goal.age,
-        }
+        begins, goal, age = memory.goal.due, memory.goal.goal, memory.goal.age
+        return {"begins": begins, "goal_lane": goal.lane, "goal_speed": goal.speed, "age": age}
     if isinstance(controller, SingleLevel) and controller.hold == 1:
         return {}
     return {"held": memory.action, "age": memory.age}
@@ -189,50 +181,40 @@ def _exported(controller: Controller, memory: Memory) -> dict[str, Array]:
 
 def compare(step: Step, decisions: Decision) -> Agreement:
     """Show an exported policy what the controller saw, [T, B]."""
-    total = Agreement()
     length, batch = decisions.action.shape
     start = next(part for part in START.values() if part.keys() == decisions.memory.keys())
     memory = {name: np.full(batch, value, value.dtype) for name, value in start.items()}
+    same, values = [], []
     for number in range(length):
         made: Decision = jax.tree.map(lambda leaf, n=number: leaf[n], decisions)
-        ego = made.ego if "begins" in start else None
-        action, after, values = step(made.features, ego, memory)
-        same = _same(made, action, after)
-        total += _counted(made, same, values)
+        action, after, found = step(made.features, made.ego if "begins" in start else None, memory)
+        agreed = np.asarray(action == made.action)
+        for name, part in after.items():
+            agreed &= np.abs(part.astype(np.float64) - made.memory[name]) < TIE
         memory = {
-            name: np.where(same, part, made.memory[name]).astype(part.dtype)
+            name: np.where(agreed, part, made.memory[name]).astype(part.dtype)
             for name, part in after.items()
         }
-    return total
-
-
-def _same(made: Decision, action: Any, memory: Any) -> NDArray[np.bool_]:
-    """Whether action and memory are the controller's, [B]; speeds up to rounding."""
-    same = np.asarray(action == made.action)
-    for name, part in memory.items():
-        same &= np.abs(part.astype(np.float64) - made.memory[name]) < TIE
-    return same
+        same.append(agreed)
+        values.append(found)
+    return _counted(decisions, np.stack(same), jax.tree.map(lambda *v: np.stack(v), *values))
 
 
 def _counted(made: Decision, same: NDArray[np.bool_], values: Any) -> Agreement:
-    """The agreement of one decision of a batch."""
-    live, tied = made.live, np.zeros_like(same)
+    """How often action and memory were the `same`, [T, B], and why they were not."""
+    tied = np.zeros_like(same)
     for name, ours in reversed(made.values.items()):
-        rows = np.arange(len(ours))
-        best, other = np.argmax(ours, axis=1), np.argmax(values[name], axis=1)
-        gap = ours[rows, best] - ours[rows, other]
+        other = values[name].argmax(-1)
+        gap = ours.max(-1) - np.take_along_axis(ours, other[..., None], -1)[..., 0]
         # The level that chose first explains what follows from it.
-        tied = np.where(made.ready[name] & (best != other), gap < TIE, tied)
-    agreed = live & same
-    largest = max(
-        (float(np.abs(values[name] - ours)[agreed].max(initial=0.0)))
-        for name, ours in made.values.items()
-    )
+        tied = np.where(made.ready[name] & (ours.argmax(-1) != other), gap < TIE, tied)
+    agreed, missed = made.live & same, made.live & ~same
+    off = (np.abs(values[name] - ours)[agreed] for name, ours in made.values.items())
     return Agreement(
-        states=int(live.sum()),
+        states=int(made.live.sum()),
         same=int(agreed.sum()),
-        tied=int((live & ~same & tied).sum()),
-        different=int((live & ~same & ~tied).sum()),
-        largest_difference=largest,
-        actions=frozenset(made.action[live].tolist()),
+        tied=int((missed & tied).sum()),
+        different=int((missed & ~tied).sum()),
+        largest_difference=max(float(each.max(initial=0.0)) for each in off),
+        actions=frozenset(made.action[made.live].tolist()),
     )

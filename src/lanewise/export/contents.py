@@ -7,11 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lanewise.controllers import goal_critic, goals, planner
-from lanewise.controllers.controller import Parameters
 from lanewise.controllers.hierarchical import Hierarchical
 from lanewise.controllers.planned import Planned
 from lanewise.controllers.single_level import SingleLevel
-from lanewise.driving.settings import DrivingSettings
 from lanewise.export.numpy_policy import FORMAT, VERSION, Policy
 from lanewise.runs.trained import Trained
 from lanewise.system.version import __version__
@@ -42,62 +40,40 @@ def policy(trained: Trained, digest: str, renewal: str | None = None) -> Policy:
         "observation": asdict(driving.observation),
         "levels": {name: len(layers) for name, layers in trained.parameters.items()},
     }
-    arrays = _weights(trained.parameters)
+    arrays: dict[str, NDArray[Any]] = {
+        f"{level}/{number}/{name}": np.asarray(array, np.float32)
+        for level, layers in trained.parameters.items()
+        for number, layer in enumerate(layers)
+        for name, array in zip(("weights", "biases"), layer, strict=True)
+    }
     match recipe.evaluation_config(trained.settings, trained.name, renewal).controller:
         case SingleLevel(hold=hold):
             about |= {"memory": "none" if hold == 1 else "held-action", "hold": hold}
         case Hierarchical() as controller:
             about |= _of_goals(controller)
         case Planned() as controller:
-            about |= _of_goals(controller) | {"planner": _of_planner(driving)}
-            arrays |= _candidates(controller.planner.preview)
+            car = {
+                "ticks": driving.ticks_per_decision,
+                "tick": driving.tick_duration,
+                "decision": driving.decision_duration,
+            }
+            about |= _of_goals(controller) | {"planner": asdict(driving.actions) | car}
+            turns, trims, trim_steps = planner.candidates(controller.planner.preview)
+            arrays["planner/turns"] = turns.astype(np.float32)
+            arrays["planner/trims"] = trims.astype(np.float32)
+            arrays["planner/trim_steps"] = trim_steps.astype(np.int64)
         case _:
             raise ValueError(f"{trained.name} has no policy")
     return Policy(about, arrays)
 
 
-def _weights(parameters: Parameters) -> dict[str, NDArray[np.float32]]:
-    """Weights [inputs, outputs] and biases [outputs] of each level's layers."""
-    return {
-        f"{level}/{number}/{name}": np.asarray(array, np.float32)
-        for level, layers in parameters.items()
-        for number, layer in enumerate(layers)
-        for name, array in zip(("weights", "biases"), layer, strict=True)
-    }
-
-
 def _of_goals(controller: Hierarchical | Planned) -> dict[str, Any]:
     """What goals depend on."""
     settings = controller.goals
-    described = {
-        name: getattr(settings, name)
-        for name in (
-            *("lowest_speed", "highest_speed", "speed_step"),
-            *("lateral_tolerance", "speed_tolerance", "reference"),
-        )
-    }
-    described |= {
+    names = ("lowest_speed", "highest_speed", "speed_step", "lateral_tolerance", "speed_tolerance")
+    described = {name: getattr(settings, name) for name in (*names, "reference")} | {
         "moves": goals.ACTION_SETS[settings.action_set],
         "renewal": controller.renewal,
         "lifetime": goal_critic.lifetime(settings, controller.driving, controller.renewal),
     }
     return {"memory": "goal", "goals": described}
-
-
-def _of_planner(driving: DrivingSettings) -> dict[str, Any]:
-    """What the planner knows about the car."""
-    return asdict(driving.actions) | {
-        "ticks": driving.ticks_per_decision,
-        "tick": driving.tick_duration,
-        "decision": driving.decision_duration,
-    }
-
-
-def _candidates(preview: int) -> dict[str, NDArray[Any]]:
-    """The sequences that the planner compares."""
-    turns, trims, trim_steps = planner.candidates(preview)
-    return {
-        "planner/turns": turns.astype(np.float32),
-        "planner/trims": trims.astype(np.float32),
-        "planner/trim_steps": trim_steps.astype(np.int64),
-    }

@@ -2,13 +2,15 @@
 
 import json
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lanewise.errors import LanewiseError
-from lanewise.export import numpy_policy, onnx_models, onnx_runtime
+from lanewise.export import numpy_policy
 from lanewise.export.numpy_policy import Policy
+from lanewise.system.extras import install, needed_for
 
 if TYPE_CHECKING:
     from lanewise.export.check import Step
@@ -31,9 +33,10 @@ def check(path: Path, reading: bool) -> None:
 
     output_files.check_writable(path)
     if path.suffix == ONNX:
-        onnx_models()
+        _onnx_models()
         if reading:
-            onnx_runtime()
+            with needed_for("checking an ONNX model", "pip install onnxruntime"):
+                import onnxruntime  # noqa: F401
 
 
 def save(policy: Policy, path: Path) -> None:
@@ -42,12 +45,12 @@ def save(policy: Policy, path: Path) -> None:
     Raises:
         LanewiseError: the file cannot be written, or would be too large to be read.
     """
-    size = sum(array.nbytes for array in policy.arrays.values())
-    if path.suffix == NUMPY and size > numpy_policy.LARGEST // 2:
-        raise LanewiseError(f"{path}: its networks of {size} bytes are too large for the reader")
     if path.suffix == ONNX:
-        onnx_models().save(policy, path)
+        _onnx_models().save(policy, path)
         return
+    size = sum(array.nbytes for array in policy.arrays.values())
+    if size > numpy_policy.LARGEST // 2:
+        raise LanewiseError(f"{path}: its networks of {size} bytes are too large for the reader")
     from lanewise.report import output_files
 
     # NumPy stores a text as an array of characters, which is read without pickle.
@@ -60,12 +63,10 @@ def step(path: Path) -> "Step":
     """The decision of a policy that was written, as `Policy.step`.
 
     Raises:
-        LanewiseError: onnxruntime is not installed, or the file cannot be read or holds no policy.
+        LanewiseError: the file cannot be read or holds no policy.
     """
-    if path.suffix == ONNX:
-        found: Step = onnx_models().Session(path).step
-        return found
-    return load(path).step
+    found: Step = _onnx_models().Session(path).step if path.suffix == ONNX else load(path).step
+    return found
 
 
 def load(path: Path) -> Policy:
@@ -80,3 +81,9 @@ def load(path: Path) -> Policy:
         raise LanewiseError(str(error)) from error
     except OSError as error:
         raise LanewiseError(f"cannot read {path}: {error.strerror}") from error
+
+
+def _onnx_models() -> ModuleType:
+    with needed_for("exporting to ONNX", install("onnx")):
+        from lanewise.export import onnx_model
+    return onnx_model

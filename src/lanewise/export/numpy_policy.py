@@ -16,7 +16,6 @@ dispatch on their arguments, so that the ONNX model is recorded from it (`onnx_m
 import json
 import math
 import os
-import re
 import stat
 import struct
 from io import BytesIO
@@ -24,6 +23,7 @@ from typing import Any, NamedTuple
 from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
 import numpy as np
+from numpy.lib.format import read_array
 
 FORMAT, VERSION = "lanewise-policy", 1
 FEATURE_COUNT = 26
@@ -41,29 +41,8 @@ START: dict[str, dict[str, Any]] = {
 Array = Any
 Memory = dict[str, Array]
 
-LARGEST, MOST_ARRAYS, ACTIONS, SIGNS = 64_000_000, 500, 9, (-1.0, 0.0, 1.0)
-"""Bytes of a file and arrays in it, at most; low-level actions; signs."""
-HEADER = re.compile(
-    rb"\x93NUMPY\x01\x00..\{'descr': '(<f4|<i8|<U[0-9]{1,7})', 'fortran_order': (True|False), "
-    rb"'shape': \(((?:[0-9]{1,9}(?:, ?)?){0,4})\), \} *\n",
-    re.DOTALL,
-)
-"""How an array's bytes begin, as NumPy writes them."""
-COMMON = {"seed": (0, 2**31 - 1), "decision_frequency": (1, 50)}
-GOALS = {
-    "lowest_speed": (0.0, 40.0),
-    "highest_speed": (0.0, 40.0),
-    "speed_step": (0.05, 10.0),
-    "lateral_tolerance": (0.01, 4.0),
-    "speed_tolerance": (0.01, 10.0),
-}
-PLANNER = {
-    "acceleration": (0.01, 10.0),
-    "steering": (0.001, 1.0),
-    "tick": (0.001, 1.0),
-    "decision": (0.001, 1.0),
-}
-"""Numbers and the bounds that Lanewise's settings set them."""
+LARGEST, MOST_ARRAYS, MOST_STEPS, ACTIONS = 64_000_000, 500, 50, 9
+"""Bytes of a file, arrays in it and decisions previewed, at most; low-level actions."""
 
 LATERAL_RANGE, SPEED_RANGE, GOAL_LIMIT = 4.0, 2.0, 2.0
 HALF_LENGTH, STRAIGHT, HEADING_LIMIT = 2.5, 0.004, 0.2
@@ -310,11 +289,11 @@ def _preview(
 
 
 class PolicyError(ValueError):
-    """A file is no policy, or a damaged or altered one."""
+    """A file is no policy, or a damaged one."""
 
 
 def load(path: str | os.PathLike[str]) -> Policy:
-    """Read a policy; nothing in the file can run, and no more of it is read than its own length.
+    """Read a policy; nothing in the file can run, and it cannot fill the memory.
 
     Raises:
         OSError: the file cannot be read.
@@ -325,177 +304,92 @@ def load(path: str | os.PathLike[str]) -> Policy:
     with open(path, "rb") as file:
         data = file.read(LARGEST + 1)
     try:
-        members = _members(data)
-        # First of all: arrays of another version may be of types that are not known here.
-        about = _about(_array(members.pop("about")))
-        ours = about["format"] == FORMAT and about["version"] == VERSION
-        arrays = {name: _array(member) for name, member in members.items()} if ours else {}
-        if ours:
-            _check(about, arrays)
+        arrays = _arrays(data)
+        about = json.loads(str(arrays.pop("about")), parse_constant=_refused)
+        known = (about["format"], about["version"]) == (FORMAT, VERSION)
+        policy = Policy(about, arrays)
+        if known:
+            _check(policy)
     except _DAMAGE as error:
         reason = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
         raise PolicyError(
             f"{path} is no policy of Lanewise, or a damaged one: {ascii(reason)[1:-1][:120]}"
         ) from error
-    if not ours:
-        found = [str(about.get(name, "unknown")) for name in ("format", "version", "lanewise")]
-        told = "{} version {}, written by lanewise {}".format(*(ascii(t)[1:-1][:80] for t in found))
+    if not known:
+        told = (ascii(about.get(name))[:80] for name in ("format", "version", "lanewise"))
         raise PolicyError(
-            f"{path} has format {told}; this reader knows {FORMAT} version {VERSION}: "
-            "use the one of the lanewise that wrote it, or a newer one"
+            "{} has format {} version {}, written by lanewise {}; ".format(path, *told)
+            + f"this reader knows {FORMAT} version {VERSION}: use the one of that lanewise"
         )
-    return Policy(about, arrays)
+    return policy
 
 
 _DAMAGE = (
     *(KeyError, AttributeError, TypeError, ValueError, IndexError, OverflowError, EOFError),
-    *(BadZipFile, NotImplementedError, RuntimeError, OSError, struct.error),
+    *(BadZipFile, NotImplementedError, RuntimeError, OSError, MemoryError, struct.error),
 )
 """What reading a file that is not what it should be can raise; RecursionError is among them."""
 
 
-def _members(data: bytes) -> dict[str, bytes]:
-    """The arrays of an archive that NumPy's `savez` wrote, uncompressed and each as its bytes.
+def _arrays(data: bytes) -> dict[str, Array]:
+    """The arrays of an archive that NumPy's `savez` wrote.
 
     Raises:
-        ValueError: it is too large, compressed, or says that it holds more than it does.
+        ValueError: it is too large, or reading it would take more memory than its own length.
     """
-    if len(data) > LARGEST:
-        raise ValueError(f"it is larger than {LARGEST} bytes")
     # One of these begins each entry of the list of members.
-    if data.count(b"PK\x01\x02") > MOST_ARRAYS:
-        raise ValueError(f"it holds more than {MOST_ARRAYS} arrays")
-    found: dict[str, bytes] = {}
+    if len(data) > LARGEST or data.count(b"PK\x01\x02") > MOST_ARRAYS:
+        raise ValueError(f"it has more than {LARGEST} bytes or {MOST_ARRAYS} arrays")
     with ZipFile(BytesIO(data)) as archive:
         members = archive.infolist()
+        if any(member.compress_type != ZIP_STORED for member in members):
+            raise ValueError("it is compressed")
         if sum(member.file_size for member in members) > len(data):
             raise ValueError("it says that it holds more than it does")
-        for member in members:
-            name = member.filename.removesuffix(".npy")
-            if member.compress_type != ZIP_STORED or name in found:
-                raise ValueError("it is compressed, or holds an array twice")
-            found[name] = archive.read(member)
-    return found
-
-
-def _array(data: bytes) -> Array:
-    """An array out of the bytes that NumPy's `save` wrote for one of our types.
-
-    Raises:
-        ValueError: they are something else.
-    """
-    header = HEADER.match(data)
-    if header is None or header.end() != 10 + int.from_bytes(data[8:10], "little"):
-        raise ValueError("an array's header is not as NumPy writes it")
-    kind, fortran, sizes = (part.decode("ascii") for part in header.groups())
-    shape = tuple(int(size) for size in sizes.replace(",", " ").split())
-    dtype = np.dtype(kind)
-    if math.prod(shape) * dtype.itemsize != len(data) - header.end():
-        raise ValueError("an array's shape does not fit its length")
-    flat = np.frombuffer(data, dtype, offset=header.end())
-    return flat.reshape(shape, order="F" if fortran == "True" else "C")
-
-
-def _about(text: Array) -> dict[str, Any]:
-    """What the policy says of itself.
-
-    Raises:
-        ValueError: it is no JSON object in a text.
-    """
-    if text.dtype.kind != "U" or text.shape:
-        raise ValueError("what it says of itself is no text")
-    about = json.loads(text.tobytes().decode("utf-32-le"), parse_constant=_refused)
-    if not isinstance(about, dict):
-        raise ValueError("what it says of itself is no object")
-    return about
+        return {
+            member.filename.removesuffix(".npy"): read_array(BytesIO(archive.read(member)))
+            for member in members
+        }
 
 
 def _refused(word: str) -> None:
     raise ValueError(f"{word} is no number")
 
 
-def _check(about: dict[str, Any], arrays: dict[str, Array]) -> None:
-    """Raises ValueError, TypeError or KeyError unless all is there that a decision needs."""
-    memory, planned = about["memory"], "planner" in about
-    if memory not in START:
-        raise ValueError("the memory is none that is known")
-    for name, (low, high) in COMMON.items():
-        _number(about, name, low, high)
-    for name in ("controller", "settings_digest", "lanewise"):
-        if not isinstance(about[name], str):
-            raise ValueError(f"{name} is no text")
-    moves = _check_goals(about["goals"]) if memory == "goal" else ACTIONS
-    if memory == "held-action":
-        _number(about, "hold", 1, 1000, int)
-    choices = {"single_level": ACTIONS} if memory != "goal" else {"high_level": moves}
-    if memory == "goal" and not planned:
-        choices["low_level"] = ACTIONS
-    if about["levels"].keys() != choices.keys():
-        raise ValueError("its levels are not those of its kind")
-    known = set(_check_planner(about["planner"], arrays) if planned else ())
+def _check(policy: Policy) -> None:
+    """Raises an error of `_DAMAGE` unless all is there that a decision needs, in these shapes.
+
+    Arrays of other shapes might be broadcast to sizes that fill the memory.
+    """
+    about, arrays = policy.about, policy.arrays
+    for name, array in arrays.items():
+        if array.dtype not in (np.float32, np.int64) or not np.isfinite(array).all():
+            raise ValueError(f"{name} is of another type, or not finite")
+    if about["memory"] not in START:
+        raise ValueError("unknown memory type")
+    choices = {"single_level": ACTIONS}
+    if policy.has_goals:
+        choices = {"high_level": len(about["goals"]["moves"]), "low_level": ACTIONS}
+    if "planner" in about:
+        choices.pop("low_level", None)
+        turns, trims, steps = (arrays[f"planner/{n}"] for n in ("turns", "trims", "trim_steps"))
+        fits = turns.ndim == 2 and turns.shape[:1] == trims.shape == steps.shape
+        if not fits or turns.shape[1] > MOST_STEPS:
+            raise ValueError("the planner's candidates do not fit")
     for level, count in choices.items():
-        known |= _check_network(arrays, level, _number(about["levels"], level, 1, 64, int), count)
-    if arrays.keys() != known:
-        raise ValueError("it holds arrays that do not belong there")
+        _check_network(arrays, level, about["levels"][level], count)
+    zero = np.zeros(1, np.float32)
+    ego = Ego(zero, zero, zero, zero[None]) if policy.has_goals else None
+    policy.step(np.zeros((1, FEATURE_COUNT), np.float32), ego, policy.start(1))
 
 
-def _check_goals(goals: dict[str, Any]) -> int:
-    """How many moves of a goal there are; raises ValueError if something is wrong with one."""
-    for name, (low, high) in GOALS.items():
-        _number(goals, name, low, high)
-    _number(goals, "lifetime", 1, 10_000_000, int)
-    if goals["reference"] not in ("previous-goal", "current-state"):
-        raise ValueError("reference is none that is known")
-    if goals["lowest_speed"] > goals["highest_speed"]:
-        raise ValueError("the lowest speed of goals exceeds the highest")
-    moves = goals["moves"]
-    if not isinstance(moves, list) or not 1 <= len(moves) <= MOST_ARRAYS:
-        raise ValueError("moves are no list")
-    if any(len(move) != 2 or not {*move} <= {-1, 0, 1} for move in moves):
-        raise ValueError("a move is none")
-    return len(moves)
-
-
-def _check_planner(planner: dict[str, Any], arrays: dict[str, Array]) -> list[str]:
-    """Names of the planner's arrays; raises ValueError if something is wrong with one."""
-    for name, (low, high) in PLANNER.items():
-        _number(planner, name, low, high)
-    _number(planner, "ticks", 1, 1000, int)
-    names = [f"planner/{name}" for name in ("turns", "trims", "trim_steps")]
-    turns, trims, steps = (arrays[name] for name in names)
-    if turns.ndim != 2 or not len(turns) or not turns.shape[:1] == trims.shape == steps.shape:
-        raise ValueError("the planner's candidates do not fit")
-    if (turns.dtype, trims.dtype, steps.dtype) != (np.float32, np.float32, np.int64):
-        raise ValueError("the planner's candidates are of another type")
-    if not turns.shape[1] or not (np.isin(turns, SIGNS).all() and np.isin(trims, SIGNS).all()):
-        raise ValueError("the planner's candidates are no signs")
-    if steps.min() < 0 or steps.max() >= turns.shape[1]:
-        raise ValueError("the planner's candidates are trimmed at no step")
-    return names
-
-
-def _check_network(arrays: dict[str, Array], level: str, layers: int, choices: int) -> set[str]:
-    """Names of a level's arrays; raises ValueError or KeyError unless they fit and are finite."""
-    width, names = FEATURE_COUNT + 2 * (level == "low_level"), set()
+def _check_network(arrays: dict[str, Array], level: str, layers: int, choices: int) -> None:
+    """Raises ValueError or KeyError unless a level's arrays fit one another."""
+    width = FEATURE_COUNT + 2 * (level == "low_level")
     for layer in range(layers):
-        own = [f"{level}/{layer}/{name}" for name in ("weights", "biases")]
-        weights, biases = (arrays[name] for name in own)
+        weights, biases = (arrays[f"{level}/{layer}/{name}"] for name in ("weights", "biases"))
         if biases.ndim != 1 or weights.shape != (width, len(biases)):
             raise ValueError(f"{level}: layer {layer} does not fit")
-        if not weights.dtype == biases.dtype == np.float32:
-            raise ValueError(f"{level}: layer {layer} is of another type")
-        if not np.isfinite(weights).all() or not np.isfinite(biases).all():
-            raise ValueError(f"{level}: layer {layer} is not finite")
-        names.update(own)
         width = len(biases)
     if width != choices:
         raise ValueError(f"{level}: chooses among {width}, not {choices}")
-    return names
-
-
-def _number(table: dict[str, Any], name: str, low: float, high: float, kind: Any = None) -> Any:
-    """A number of a table; raises ValueError unless it is one between two bounds."""
-    value = table[name]
-    if type(value) not in ((kind,) if kind else (int, float)) or not low <= value <= high:
-        raise ValueError(f"{name} is no number from {low:g} to {high:g}")
-    return value

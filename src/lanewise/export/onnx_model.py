@@ -8,7 +8,6 @@ import numpy as np
 import onnx
 from onnx import ModelProto, ValueInfoProto, helper
 
-from lanewise.export import onnx_runtime
 from lanewise.export.numpy_policy import FEATURE_COUNT, START, Ego, Memory, Policy
 from lanewise.export.recording import Graph, Value
 from lanewise.report import output_files
@@ -106,12 +105,9 @@ class Session:
     """A written model under onnxruntime, with the `step` of a `Policy`."""
 
     def __init__(self, path: Path) -> None:
-        """Open a model.
+        import onnxruntime
 
-        Raises:
-            LanewiseError: onnxruntime is not installed.
-        """
-        self._session = onnx_runtime().InferenceSession(path, providers=["CPUExecutionProvider"])
+        self._session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
         self._outputs = [output.name for output in self._session.get_outputs()]
 
     def step(
@@ -120,13 +116,6 @@ class Session:
         """As `Policy.step`."""
         inputs = {FEATURES: features} | (ego._asdict() if ego else {}) | memory
         found = dict(zip(self._outputs, self._session.run(None, inputs), strict=True))
+        levels = [name.removesuffix(VALUES) for name in found if name.endswith(VALUES)]
         after = {name: found[NEXT + name] for name in memory}
-        return (
-            found["action"],
-            after,
-            {
-                name.removesuffix(VALUES): value
-                for name, value in found.items()
-                if name.endswith(VALUES)
-            },
-        )
+        return found["action"], after, {level: found[level + VALUES] for level in levels}

@@ -113,8 +113,7 @@ class Value(NDArrayOperatorsMixin):
 
 def _common(operands: Sequence[Any]) -> Any:
     """The type that NumPy would compute in; plain numbers adapt to arrays."""
-    typed = (operand.dtype if hasattr(operand, "dtype") else operand for operand in operands)
-    return np.result_type(*typed)
+    return np.result_type(*(getattr(operand, "dtype", operand) for operand in operands))
 
 
 def _where(graph: Graph, condition: Any, yes: Any, no: Any) -> Value:
@@ -123,18 +122,14 @@ def _where(graph: Graph, condition: Any, yes: Any, no: Any) -> Value:
     return graph.add("Where", names, dtype)
 
 
-def _axes(operator: str) -> Callable[..., Value]:
-    """A function that takes its axis as a second input."""
+def _with_axes(operator: str, **attributes: Any) -> Callable[..., Value]:
+    """A function whose axis is its second input."""
 
     def record(graph: Graph, array: Value, axis: int) -> Value:
-        return graph.add(operator, [array.name, graph.named([axis], np.int64)], array.dtype)
+        names = [array.name, graph.named([axis], np.int64)]
+        return graph.add(operator, names, array.dtype, **attributes)
 
     return record
-
-
-def _sum(graph: Graph, array: Value, axis: int) -> Value:
-    axes = graph.named([axis], np.int64)
-    return graph.add("ReduceSum", [array.name, axes], array.dtype, keepdims=0)
 
 
 def _position(operator: str) -> Callable[..., Value]:
@@ -161,20 +156,16 @@ def _take_along_axis(graph: Graph, array: Any, indices: Value, axis: int) -> Val
     return graph.add("GatherElements", names, array.dtype, axis=axis)
 
 
-def _none(graph: Graph, array: Value) -> Value:
-    return array & ~array  # type: ignore[no-any-return]
-
-
 FUNCTIONS: dict[Any, Callable[..., Value]] = {
     np.where: _where,
-    np.expand_dims: _axes("Unsqueeze"),
-    np.squeeze: _axes("Squeeze"),
-    np.sum: _sum,
+    np.expand_dims: _with_axes("Unsqueeze"),
+    np.squeeze: _with_axes("Squeeze"),
+    np.sum: _with_axes("ReduceSum", keepdims=0),
     np.argmax: _position("ArgMax"),
     np.argmin: _position("ArgMin"),
     np.concatenate: _concatenate,
     np.stack: _stack,
     np.take_along_axis: _take_along_axis,
-    np.zeros_like: _none,
+    np.zeros_like: lambda graph, array: array & ~array,
 }
 """Functions of whole arrays; zeros only of truth values."""
