@@ -1,70 +1,93 @@
-from dataclasses import dataclass, replace
+"""Test episodes: compiled in blocks, decision by decision for anyone's policy, in highway-env.
+
+Nearly all share one shape of world and one static test, so that each program is compiled once.
+"""
+
+import json
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lanewise.controllers.levels import HighLevel
-from lanewise.controllers.planned import Planned
-from lanewise.controllers.settings import GoalSettings, PlannerSettings
-from lanewise.controllers.single_level import SingleLevel
+import lanewise
+from lanewise import config
+from lanewise.controllers.rule_based import RuleBased
+from lanewise.driving import observation
+from lanewise.driving.episode import EpisodeStats, Outcome
 from lanewise.driving.settings import DrivingSettings
-from lanewise.evaluation import evaluator, metrics, stepwise
-from lanewise.evaluation.evaluator import EvaluationConfig
-from lanewise.evaluation.stepwise import Greedy, Lanewise
+from lanewise.errors import LanewiseError, NumbersError
+from lanewise.evaluation import evaluator, metrics, stepwise, sweep
+from lanewise.evaluation.evaluator import EvaluationConfig, Result
+from lanewise.evaluation.grid import Grid
+from lanewise.evaluation.stepwise import Greedy
+from lanewise.interop import highway_env
+from lanewise.interop.highway_env_evaluation import HighwayEnv
 from lanewise.learning import network
-from lanewise.scenario.settings import TrafficSettings, TrapSettings
+from lanewise.runs.trained import Trained
+from lanewise.scenario.settings import TrapSettings
+from lanewise.training import recipe
+from lanewise.world import build, road
+from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, World
 
-EMPTY = TrapSettings(
-    ego_speed=14.0,
-    trap_speed=0.5,
-    test_front_distance=200.0,
-    test_side_distance=-50.0,
-    traffic=TrafficSettings(vehicles_ahead=0),
-)
-"""Nobody comes near an ego that drives 8 s at 14 m/s."""
-
-
-@dataclass(frozen=True)
-class Constant(SingleLevel):
-    """Drives one action for ever."""
-
-    action: int = 4
-
-    def act(self, memory, percept):
-        return jnp.int32(self.action), memory
+SETTINGS = config.compose()
+TEST = recipe.evaluation_config(SETTINGS, "single-level")
+WEIGHTS = {
+    "single_level": network.init(jax.random.key(36), 26, (8,), 9),
+    "high_level": network.init(jax.random.key(5), 26, (8,), 9),
+}
+COUNT = 6
+"""More than a block."""
+ESCAPE = "11115555444444333377777777777777774444444444444444"
+"""Low-level actions from the test's start: fall back, cross to the right lane, speed up."""
+RTOL = {"accumulated_reward": 1e-4, "average_speed": 1e-4, "travel_distance": 1e-4}
 
 
-@dataclass(frozen=True)
-class RightwardsLevel(HighLevel):
-    """Always asks for the next lane to the right, and for more speed."""
-
-    def choose(self, memory, percept, choice):
-        return super().choose(memory, percept, jnp.int32(8))
+@pytest.fixture(autouse=True)
+def small_blocks(monkeypatch):
+    monkeypatch.setattr(evaluator, "BLOCK", 4)
 
 
-@dataclass(frozen=True)
-class Rightwards(Planned):
-    """Step 1 with a high level that always wants the same."""
-
-    @property
-    def levels(self):
-        return (RightwardsLevel(self.goals),)
+@pytest.fixture(scope="module")
+def ours():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(evaluator, "BLOCK", 4)
+        return evaluator.evaluate(TEST, WEIGHTS, 0, COUNT)
 
 
-def course_of(scenario, controller, duration=50):
-    return EvaluationConfig(scenario, DrivingSettings(), controller, duration)
+def constant(action):
+    """A network that always chooses one action."""
+    zeros = jax.tree.map(np.zeros_like, jax.device_get(WEIGHTS["single_level"]))
+    zeros[-1][1][action] = 1.0
+    return WEIGHTS | {"single_level": zeros}
 
 
-def parameters(seed=0):
-    return {"single_level": network.init(jax.random.key(seed), 26, (8,), 9)}
+def placed(x, speed):
+    """Starts in which the ego and the trap cars stand elsewhere, far from all traffic."""
+    worlds = jax.device_get(evaluator.start_block(TEST, 0, 0))
+    vehicles = worlds.vehicles
+    places, speeds = vehicles.x + 1000.0, vehicles.speed.copy()
+    places[:, :3], speeds[:, :3] = x, speed
+    return replace(worlds, vehicles=replace(vehicles, x=places, speed=speeds))
 
 
-def test_an_idle_ego_on_an_empty_road_in_closed_form(monkeypatch):
-    monkeypatch.setattr(evaluator, "BLOCK", 2)
-    scenario = replace(EMPTY, test_side_distance=60.0, trap_speed=10.0, ego_speed=10.0)
-    found = evaluator.evaluate(course_of(scenario, Constant()), parameters(), 0, 2)
+def drive(action, worlds):
+    found = evaluator.drive_block(evaluator.of_any_start(TEST), constant(action), worlds)
+    return evaluator.as_episodes(TEST.driving, found)
+
+
+def alike(found, expected):
+    """The same outcomes, and sums that differ by rounding alone."""
+    for name, values in vars(found).items():
+        other, rtol = getattr(expected, name), RTOL.get(name, 0.0)
+        np.testing.assert_allclose(values, other, rtol=rtol, atol=10 * rtol, err_msg=name)
+
+
+def test_an_idle_ego_on_an_empty_road_in_closed_form():
+    """Wherever it begins: the distance counts from there."""
+    here = np.array([[0.0], [500.0], [-2000.0], [0.0]])
+    found = drive(4, placed(here + np.array([0.0, 200.0, 60.0]), 10.0))
     reward = (1.5 * (2 / 75 * 10 - 2 / 15) + 0.05) / 1.6
     np.testing.assert_allclose(found.accumulated_reward, 25 * reward, rtol=1e-5)
     np.testing.assert_allclose(found.travel_distance, 250.0, rtol=1e-5)
@@ -72,29 +95,15 @@ def test_an_idle_ego_on_an_empty_road_in_closed_form(monkeypatch):
     np.testing.assert_array_equal(found.duration, 25.0)
     assert not found.success.any()
     assert np.isnan(found.escape_time).all()
-    assert found.accident.tolist() == [0, 0]
-    assert found.goals.tolist() == [0, 0]
+    assert not found.accident.any()
+    assert not found.goals.any()
 
 
-def test_the_distance_counts_from_where_the_drive_began(monkeypatch):
-    monkeypatch.setattr(evaluator, "BLOCK", 2)
-    scenario = replace(EMPTY, test_side_distance=60.0, trap_speed=10.0, ego_speed=10.0)
-    config = course_of(scenario, Constant())
-    worlds = evaluator.start_block(config, 0, 0)
-    x = worlds.vehicles.x + jnp.array([[500.0], [-2000.0]])
-    further = replace(worlds, vehicles=replace(worlds.vehicles, x=x))
-    found = evaluator.drive_block(config, parameters(), further)
-    np.testing.assert_allclose(found.stats.distance, 250.0, rtol=1e-5)
-
-
-def test_an_accident_adds_its_penalty_once_and_ends_the_sums(monkeypatch):
+def test_an_accident_adds_its_penalty_once_and_ends_the_sums():
     """Braking from 2.25 m/s at 1 m/s^2 the ego is below 0.1 m/s after five decisions."""
-    monkeypatch.setattr(evaluator, "BLOCK", 1)
-    found = evaluator.evaluate(
-        course_of(replace(EMPTY, ego_speed=2.25), Constant(action=1)), parameters(), 0, 1
-    )
-    assert found.accident.tolist() == [3]
-    assert found.duration.tolist() == [2.5]
+    found = drive(1, placed([0.0, 200.0, 150.0], [2.25, 0.5, 0.5]))
+    assert found.accident.tolist() == [3] * 4
+    assert found.duration.tolist() == [2.5] * 4
     # Rewards at 1 s and 2 s, each of a centred slow car, and the penalty at 2.5 s.
     assert found.accumulated_reward[0] == pytest.approx(2 * 0.05 / 1.6 - 10.0, rel=1e-4)
     assert found.average_speed[0] == pytest.approx(
@@ -103,56 +112,228 @@ def test_an_accident_adds_its_penalty_once_and_ends_the_sums(monkeypatch):
     assert not found.success[0]
 
 
-def test_episodes_do_not_depend_on_how_many_are_driven_with_them(monkeypatch):
-    monkeypatch.setattr(evaluator, "BLOCK", 4)
-    config = replace(
-        course_of(TrapSettings(training_front_distance=(8.0, 30.0)), Constant(action=7), 12),
-        split="training",
-    )
-    weights = parameters()
-    many, few = (evaluator.evaluate(config, weights, 3, count) for count in (10, 5))
-    assert len(few) == 5
-    for name in vars(few):
-        np.testing.assert_array_equal(getattr(few, name), getattr(many, name)[:5])
-    # The ego speeds up behind trap car 1, at a distance that differs, until it hits it.
-    assert len(np.unique(many.accumulated_reward)) > 1
-
-
-def test_a_drive_past_the_trap_that_then_stops_has_the_papers_success_and_not_ours(monkeypatch):
+def test_a_drive_past_the_trap_that_then_stops_has_the_papers_success_and_not_ours():
     """Both trap cars start behind an ego that brakes to a stop."""
-    monkeypatch.setattr(evaluator, "BLOCK", 1)
-    behind = replace(EMPTY, ego_speed=2.25, test_front_distance=-60.0)
-    found = evaluator.evaluate(course_of(behind, Constant(action=1)), parameters(), 0, 1)
-    assert (found.accident.tolist(), found.escape_time.tolist()) == ([3], [0.5])
+    found = drive(1, placed([0.0, -60.0, -50.0], [2.25, 0.5, 0.5]))
+    assert (found.accident[0], found.escape_time[0]) == (3, 0.5)
     summary = metrics.summarise(found, controller="single-level", world="lanewise")
     assert (summary.values["escape_rate"], summary.values["success_rate"]) == (1.0, 0.0)
 
 
+def test_episodes_do_not_depend_on_how_many_are_driven_with_them(ours):
+    few = evaluator.evaluate(TEST, WEIGHTS, 0, COUNT - 1)
+    assert len(few) == COUNT - 1
+    for name in vars(few):
+        np.testing.assert_array_equal(getattr(few, name), getattr(ours, name)[:-1])
+    assert len(np.unique(ours.accumulated_reward)) > 1
+
+
+def test_more_episodes_than_a_block_belong_to_one_start_of_a_grid():
+    grid = Grid((8.0,), (8.0, 10.0), (3,), (15.0,), (5.0,))
+    given = sweep.config(TEST, grid)
+    found = [o for some in sweep.run(given, constant(7), 5, COUNT, grid.points()) for o in some]
+    assert [outcome.episodes for outcome in found] == [COUNT, COUNT]
+    assert [outcome.collision for outcome in found] == [COUNT, COUNT]
+    assert found[0].speed < found[1].speed
+
+
 @pytest.mark.slow
-def test_a_recording_agrees_with_the_test(monkeypatch):
-    monkeypatch.setattr(evaluator, "BLOCK", 1)
-    config = course_of(EMPTY, Constant(), 16)
-    found = evaluator.evaluate(config, parameters(), 0, 1)
-    recording = stepwise.record(config, Greedy(parameters()), Lanewise(1), 0, 0)
-    assert recording.x.shape == (17, 3)
-    assert recording.x[-1, 0] == pytest.approx(found.travel_distance[0])
-    assert recording.accumulated_reward[-1] == pytest.approx(found.accumulated_reward[0])
-    assert recording.accident == found.accident[0]
-    assert recording.goal_lane.tolist() == [-1] * 17
-    assert recording.goals_ended.tolist() == [0] * 17
-    assert recording.goals_timed_out.tolist() == [0] * 17
-    np.testing.assert_allclose(recording.time, np.arange(17) / 2)
-    np.testing.assert_allclose(recording.x[:, 0], 7.0 * np.arange(17), rtol=1e-5)
+def test_a_start_of_a_grid_is_the_test_start_with_those_settings():
+    """Padded with lanes and vehicles it lacks, it comes to what its own settings give."""
+    episodes = 3
+    grid = Grid((9.5,), (8.5,), (3, 5), (15.0,), (6.0,), (20.0, 30.0), (0, 2))
+    given, points, number = sweep.config(TEST, grid), grid.points(), 2
+
+    def outcomes(first=0):
+        groups = sweep.run(given, constant(7), 5, episodes, points, first)
+        return [outcome for group in groups for outcome in group]
+
+    before = evaluator.drive_block.__wrapped__._cache_size()
+    found = outcomes()
+    assert evaluator.drive_block.__wrapped__._cache_size() == before + 1
+    assert outcomes(first=5) == found[5:]
+    assert len(found) == len(points) == 8
+    own = {
+        "scenario.ego_speed": 9.5,
+        "scenario.trap_speed": 8.5,
+        "scenario.lanes": 3,
+        "scenario.test_front_distance": 15.0,
+        "scenario.test_side_distance": 6.0,
+        "scenario.traffic.spacing": 30.0,
+        "scenario.traffic.vehicles_behind": 0,
+    }
+    assert points[number] == tuple(own.values())
+    # Start i of a seed is the point's number times the episodes, and on from there.
+    alone = recipe.evaluation_config(config.compose(flags=own), "single-level")
+    many = evaluator.evaluate(alone, constant(7), 5, (number + 1) * episodes)
+    assert found[number].collision == (many.accident[-episodes:] == 1).sum() == episodes
+    assert found[number].speed == pytest.approx(many.average_speed[-episodes:].mean())
+    assert found[number].reward == pytest.approx(many.accumulated_reward[-episodes:].mean())
 
 
-def test_a_recording_counts_the_goals_as_the_goal_critic_does(monkeypatch):
+class Agent:
+    """Predicts as Stable-Baselines3's agents do, and counts what it is asked."""
+
+    def __init__(self, choose):
+        self.choose, self.asked = choose, []
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=False):
+        self.asked.append((state, bool(episode_start.all()), deterministic))
+        return self.choose(observation), (0 if state is None else state + 1)
+
+
+def greedy(level="single_level"):
+    """What a network of ours chooses, in NumPy."""
+    *hidden, (last, bias) = jax.device_get(WEIGHTS[level])
+
+    def choose(seen):
+        for weights, biases in hidden:
+            seen = np.maximum(seen @ weights + biases, 0.0)
+        return np.argmax(seen @ last + bias, axis=-1)
+
+    return choose
+
+
+def idle(seen):
+    """Goes on as it is, and writes over what it is given: PyTorch warns of arrays that may not."""
+    seen += 1.0
+    return np.full(len(seen), 4)
+
+
+def one_by_one(seen):
+    assert seen.shape == (26,)
+    return int(greedy()(seen))
+
+
+@pytest.mark.parametrize("kind", ["batched", "one by one", "agent"])
+def test_the_same_as_our_own(ours, kind, capsys):
+    policy = {"batched": greedy(), "one by one": one_by_one, "agent": Agent(greedy())}[kind]
+    found = lanewise.evaluate(policy, episodes=COUNT, name="mine", quiet=kind == "agent")
+    assert ("mine: 100%" in capsys.readouterr().err) == (kind != "agent")
+    alike(found.episodes, ours)
+    assert found.summary.controller == "mine"
+    assert "mine" in str(found)
+
+
+def test_a_controller_of_ours(ours, capsys):
+    trained = Trained("single-level", SETTINGS, 0, WEIGHTS)
+    for quiet in (False, True):
+        found = lanewise.evaluate(trained, episodes=COUNT, quiet=quiet)
+        assert ("100%" in capsys.readouterr().err) != quiet
+    np.testing.assert_array_equal(found.episodes.accumulated_reward, ours.accumulated_reward)
+    assert found.summary.controller == "single-level"
+    with pytest.raises(LanewiseError, match="its own settings"):
+        lanewise.evaluate(trained, trap_speed=9.0)
+
+
+def test_a_recurrent_agent_keeps_its_state_within_a_block_and_no_longer():
+    agent = Agent(idle)
+    lanewise.evaluate(agent, episodes=COUNT)
+    states = [state for state, _, _ in agent.asked]
+    assert states == [None, *range(49)] * 2
+    assert [start for _, start, _ in agent.asked] == [state is None for state in states]
+    assert all(deterministic for *_, deterministic in agent.asked)
+    agent.asked.clear()
+    lanewise.evaluate(agent, episodes=1, deterministic=False)
+    assert not any(deterministic for *_, deterministic in agent.asked)
+
+
+def test_a_function_of_one_observation_is_asked_for_the_episodes_under_way_alone():
+    asked = []
+
+    def swerve(seen):
+        asked.append(seen)
+        return 8
+
+    found = lanewise.evaluate(swerve, batched=False, episodes=3)
+    decisions = int(found.episodes.duration.sum() * 2)
+    assert decisions < 3 * 50, "episodes end early"
+    # And now and then the first of them once more.
+    assert decisions < len(asked) < decisions + 3 * 8
+    asked.clear()
+    found.record(1)
+    assert found.episodes.duration[1] * 2 <= len(asked) < 50
+
+
+def test_episodes_to_look_at():
+    before = stepwise._step.__wrapped__._cache_size()
+    found, place = lanewise.evaluate(greedy(), episodes=COUNT, name="mine"), COUNT - 1
+    # Another name or start is not compiled anew.
+    lanewise.evaluate(greedy(), episodes=1, name="another", trap_speed=9.0)
+    assert stepwise._step.__wrapped__._cache_size() == max(1, before)
+    recording = found.record(place)
+    assert recording.controller == "mine"
+    assert recording.accident == found.episodes.accident[place]
+    assert recording.accumulated_reward[-1] == pytest.approx(
+        found.episodes.accumulated_reward[place], abs=1e-4
+    )
+    assert recording.x[-1, 0] == pytest.approx(found.episodes.travel_distance[place])
+    frames = int(found.episodes.duration[place] * 2) + 1
+    np.testing.assert_array_equal(recording.time, np.arange(frames) / 2)
+    assert recording.goal_lane.tolist() == [-1] * frames
+    assert recording.goals_ended.tolist() == recording.goals_timed_out.tolist() == [0] * frames
+
+
+def test_outcomes_in_highway_env_are_identical():
+    """Of an escape by hand, and of a network."""
+    script = np.array([int(action) for action in ESCAPE])
+
+    class Scripted:
+        def predict(self, observation, state=None):
+            step = 0 if state is None else state + 1
+            return np.full(len(observation), script[step]), step
+
+    for policy, escapes in ((Scripted(), True), (greedy(), False)):
+        here = lanewise.evaluate(policy, episodes=2)
+        there = lanewise.evaluate(policy, episodes=2, world="highway-env")
+        assert here.episodes.success.tolist() == [escapes] * 2
+        alike(there.episodes, here.episodes)
+        assert "highway-env" in there.table(here)
+
+
+@pytest.mark.slow
+def test_the_rule_based_ego_drives_alike_in_both_worlds():
+    """Behind a gap wide enough to change lanes, so that it does more than follow."""
+    near = TrapSettings(ego_driver="rule-based")
+    for one in (near, replace(near, test_side_distance=100.0, ego_speed=12.0)):
+        given = EvaluationConfig(one, DrivingSettings(), RuleBased(), 50)
+        theirs = stepwise.evaluate(given, Greedy({}), HighwayEnv(), 3, 2)
+        alike(theirs, evaluator.evaluate(given, {}, 3, 2))
+    recording = stepwise.record(given, Greedy({}), HighwayEnv(), 3, 0)
+    assert np.ptp(recording.y[:, 0]) > 3.5
+
+
+@pytest.mark.parametrize(
+    ("simulation", "decision", "seconds", "decisions"), [(15, 2, 5.0, 11), (10, 10, 1.0, 10)]
+)
+def test_the_live_environment_ends_after_the_simulated_duration(
+    simulation, decision, seconds, decisions
+):
+    env = highway_env.build_env(
+        jax.device_get(evaluator.start(TEST, 0, 0)),
+        simulation_frequency=simulation,
+        decision_frequency=decision,
+        duration=seconds,
+    )
+    ends = [env.step(4)[3] for _ in range(decisions)]
+    assert ends == [False] * (decisions - 1) + [True]
+
+
+def test_a_recording_counts_the_goals_as_the_goal_critic_does():
     """Recounted from the frames alone: reached by the paper's thresholds, or given up in time."""
-    monkeypatch.setattr(evaluator, "BLOCK", 1)
-    goals = GoalSettings(time_limit=1.5)
-    controller = Rightwards(DrivingSettings(), goals, PlannerSettings(), "critic")
-    config = course_of(EMPTY, controller, 24)
-    weights = {"high_level": network.init(jax.random.key(1), 26, (8,), 9)}
-    recording = stepwise.record(config, Greedy(weights), Lanewise(1), 0, 0)
+    found = lanewise.evaluate(
+        lambda seen: np.full(len(seen), 8),  # the next lane to the right, and more speed
+        actions="goal",
+        world="highway-env",
+        episodes=1,
+        duration=12.0,
+        goals={"time_limit": 1.5},
+        ego_speed=14.0,
+        trap_speed=0.5,
+        test_front_distance=200.0,
+        test_side_distance=-50.0,
+    )
+    recording = found.record()
     along = recording.speed[:, 0] * np.cos(recording.heading[:, 0])
     ended, timed_out, age = [0, 0], [0, 0], 1
     for seen in range(1, len(recording.time) - 1):
@@ -166,3 +347,102 @@ def test_a_recording_counts_the_goals_as_the_goal_critic_does(monkeypatch):
     assert recording.goals_ended.tolist() == ended
     assert recording.goals_timed_out.tolist() == timed_out
     assert 0 < timed_out[-1] < ended[-1]
+
+
+@pytest.mark.slow
+def test_goals():
+    expected = evaluator.evaluate(recipe.evaluation_config(SETTINGS, "planned"), WEIGHTS, 0, COUNT)
+    found = lanewise.evaluate(greedy("high_level"), actions="goal", episodes=COUNT)
+    alike(found.episodes, expected)
+    assert found.episodes.goals.sum() > 0
+
+
+@pytest.mark.slow
+def test_continuous_actions():
+    found = lanewise.evaluate(
+        lambda seen: np.zeros((len(seen), 2)), actions="continuous", episodes=COUNT
+    )
+    alike(found.episodes, lanewise.evaluate(idle, episodes=COUNT).episodes)
+    assert (found.episodes.accident == 0).all()  # at the speed of the trap nothing happens
+    with pytest.raises(LanewiseError, match="continuous actions are not driven in highway-env"):
+        lanewise.evaluate(lambda seen: np.zeros((1, 2)), actions="continuous", world="highway-env")
+
+
+def in_a_row(settings, *kinds):
+    """Vehicles 30 m apart in the left lane, all as fast as the trap."""
+    x, lane = 30.0 * jnp.arange(len(kinds)), jnp.zeros(len(kinds), jnp.int32)
+    return World(
+        road=road.straight_road(settings.lanes),
+        drivers=build.make_drivers([settings.traffic.driver] * len(kinds), kinds),
+        vehicles=build.make_vehicles(x, 0.0 * x, 0.0 * x + settings.trap_speed, lane),
+    )
+
+
+def alone(settings, key, split):
+    return in_a_row(settings, EXTERNAL)
+
+
+def among_traffic(settings, key, split):
+    return in_a_row(settings, EXTERNAL, RULE_BASED, RULE_BASED)
+
+
+def behind_three(settings, key, split):
+    """More than the paper's twelve vehicles, the second of which is not there."""
+    world = in_a_row(settings, EXTERNAL, *[CONSTANT] * 4, *[RULE_BASED] * 9)
+    present = world.vehicles.present.at[1].set(False)
+    return replace(world, vehicles=replace(world.vehicles, present=present))
+
+
+def survived(world):
+    return world.vehicles.x[0] > 1.0
+
+
+def observe_the_slow(settings, world):
+    """Not finite once the ego has sped up."""
+    features = observation.features(settings, world)
+    return features.at[7].set(jnp.where(world.vehicles.speed[0] > 10.2, jnp.inf, features[7]))
+
+
+@pytest.mark.parametrize("start", [alone, among_traffic])
+def test_the_paper_s_success_wants_trap_cars(start):
+    said = rf"start: {start.__name__} places no trap car.*; give success= too"
+    with pytest.raises(LanewiseError, match=said) as refused:
+        lanewise.evaluate(idle, task=lanewise.TaskFunctions(start=start), episodes=1)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("world", ["highway-env", pytest.param("lanewise", marks=pytest.mark.slow)])
+def test_a_task_of_one_s_own(tmp_path, world):
+    """Any number of vehicles, drawn by what they are; success; an observation that is refused."""
+    task = lanewise.TaskFunctions(start=behind_three, success=survived, observe=observe_the_slow)
+    given = {"duration": 1.0, "task": task, "world": world, "episodes": 2}
+    found = lanewise.evaluate(idle, **given)
+    assert found.episodes.success.all()
+    recording = found.record()
+    assert recording.role[recording.present].tolist() == [0, 1, 1, 1] + [2] * 9
+    found.clip(tmp_path / "own.gif")
+    assert (tmp_path / "own.gif").stat().st_size > 1000
+    found.save(tmp_path / "mine.json")
+    assert json.loads((tmp_path / "mine.json").read_text())["success_rate"] == 1.0
+    stored = metrics.from_csv((tmp_path / "mine.csv").read_text())
+    assert np.array_equal(stored.success, found.episodes.success)
+    with pytest.raises(NumbersError, match="an observation is not finite in 2 of 2 episodes"):
+        lanewise.evaluate(lambda seen: 7, **given)
+
+
+def results_of(count):
+    stats = EpisodeStats(*[jnp.int32(3)] * 2, *[jnp.float32(1.0)] * 4, Outcome(*[jnp.int32(0)] * 4))
+    one = Result(stats, jnp.int32(0), jnp.int32(0), jnp.bool_(True))
+    return jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[None], count, 0), one)
+
+
+@pytest.mark.parametrize("value", [np.nan, -np.inf], ids=str)
+@pytest.mark.parametrize("name", ["timestep_reward", "speed_sum", "distance"])
+def test_figures_that_are_not_finite_are_refused(name, value):
+    sound = results_of(5)
+    assert len(evaluator.as_episodes(DrivingSettings(), sound)) == 5
+    spoilt = getattr(sound.stats, name).copy()
+    spoilt[2:4] = value
+    stats = replace(sound.stats, **{name: spoilt})
+    with pytest.raises(NumbersError, match="not finite in 2 of 5 episodes, first in episode 2"):
+        evaluator.as_episodes(DrivingSettings(), replace(sound, stats=stats))

@@ -1,5 +1,6 @@
 """Winnable or not: against every sequence of actions, a closed form, and the real highway-env."""
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -9,8 +10,9 @@ import pytest
 
 from lanewise.driving import actions, episode
 from lanewise.driving.settings import DrivingSettings
-from lanewise.evaluation import escapes, reachability
+from lanewise.evaluation import escapes, reachability, sweep
 from lanewise.evaluation.escapes import ReachabilityConfig
+from lanewise.evaluation.grid import Grid
 from lanewise.interop.highway_env import build_env, read_world
 from lanewise.scenario.settings import TrapSettings
 from lanewise.scenario.trap import Start
@@ -116,9 +118,10 @@ def test_a_hopeless_start_ends_in_an_accident_whatever_is_done():
     assert driven >= verdict.states > 500
 
 
-@pytest.mark.parametrize("ego", [8.0, 13.0])
-@pytest.mark.parametrize("trap", [8.0, 11.0])
-@pytest.mark.parametrize(("front", "side"), [(14.0, 8.2), (14.8, 7.43), (16.44, 4.06)])
+@pytest.mark.parametrize(
+    ("ego", "trap", "front", "side"),
+    [(13.0, 8.0, 14.8, 7.43), (13.0, 8.0, 14.0, 8.2), (13.0, 11.0, 16.44, 4.06), (8.0, 8.0, 14, 8)],
+)
 def test_whoever_can_stay_behind_can_get_out(ego, trap, front, side):
     """Braking straight down to the trap's speed without touching it is enough to escape later."""
     it = start(ego, trap, front, side)
@@ -173,25 +176,42 @@ def test_the_searchs_ticks_are_the_worlds():
     chosen = rng.integers(0, 9, 300)
 
     @jax.jit
-    def theirs(ego, action):
+    def theirs(given):
+        ego, action = given
         put = {
             name: getattr(world.vehicles, name).at[0].set(value)
             for name, value in zip(("x", "y", "heading", "speed"), ego, strict=True)
         }
         commands = actions.commands(DRIVING.actions, action, jnp.float32)
-        placed = type(world)(
-            world.road, world.drivers, type(world.vehicles)(**{**vars(world.vehicles), **put})
-        )
-        after = tick.run(bicycle.command(placed, *commands), 0.1, 5).vehicles
-        return jnp.stack([after.x[0], after.y[0], after.heading[0], after.speed[0]]), (
-            after.crashed[0] | after.impacted[0]
-        )
+        there = replace(world, vehicles=replace(world.vehicles, **put))
+        after = tick.run(bicycle.command(there, *commands), 0.1, 5).vehicles
+        moved = jnp.stack([after.x[0], after.y[0], after.heading[0], after.speed[0]])
+        return moved, after.crashed[0] | after.impacted[0]
 
-    moved, hit = jax.vmap(theirs)(egos, chosen)
-    ours, alive, _ = escapes._step_all(COURSE, world, egos)
+    moved, hit = jax.jit(partial(jax.lax.map, theirs))((egos, chosen))
+    ours, alive, _ = escapes._step_all(DRIVING, world, egos)
     rows = np.arange(300)
     np.testing.assert_allclose(np.asarray(ours)[rows, chosen], moved, rtol=2e-6, atol=1e-6)
     assert 0 < np.asarray(hit).sum() < 300
     assert not (np.asarray(alive)[rows, chosen] & np.asarray(hit)).any()
     on_road = (np.abs(np.asarray(moved)[:, 1] - 4.0) < 5.9) & ~np.asarray(hit)
     assert np.asarray(alive)[rows, chosen][on_road].all()
+
+
+def test_a_grid_is_judged_as_each_start_alone():
+    grid = Grid((13.0,), (8.0,), (5,), (14.8,), (6.61, 7.43))
+    found = list(sweep.reach(TrapSettings(), DRIVING, 50, 0.1, grid.points()))
+    for point, reach in zip(grid.points(), found, strict=True):
+        alone = reachability.judge(COURSE, sweep.start_of(TrapSettings(), point))
+        assert reach.winnable == alone.winnable
+        assert reach.decided
+    # A centimetre's way between the trap cars is an escape, but not one with 10 cm to spare.
+    assert [reach.winnable for reach in found] == [True, False]
+    assert not any(reach.clear for reach in found)
+    (point,) = Grid((10.0,), (10.0,), (5,), (15.62,), (6.61,)).points()
+    easy = next(sweep.reach(TrapSettings(), DRIVING, 50, 0.1, [point]))
+    assert easy.clear
+    escape = [tuple(map(int, easy.escape))]
+    assert reachability.replay(COURSE, sweep.start_of(TrapSettings(), point), escape).tolist() == [
+        True
+    ]

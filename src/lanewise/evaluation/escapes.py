@@ -91,7 +91,7 @@ def search(config: ReachabilityConfig, world: World, width: int | None) -> Reach
     layers = [Layer(np.stack(ego, axis=1), np.zeros(1, bool), nothing, nothing)]
     for _ in range(config.duration):
         spread = _spread(config, world, layers[-1])
-        world = _coast(config, world)
+        world = _coast(config.driving, world)
         if width is None and (spread.escaped.any() or len(spread.egos) > MOST_STATES):
             width, whole = WIDTHS[-1], False
         layers.append(_chosen(config, world, spread, width))
@@ -105,7 +105,7 @@ def _spread(config: ReachabilityConfig, world: World, before: Layer) -> Layer:
     count = len(before.egos)
     padded = np.concatenate([before.egos, np.repeat(before.egos[-1:], -count % CHUNK, axis=0)])
     parts = [
-        jax.device_get(_step_all(config, world, padded[first : first + CHUNK]))
+        jax.device_get(_step_all(config.driving, world, padded[first : first + CHUNK]))
         for first in range(0, len(padded), CHUNK)
     ]
     egos, alive, past = (np.concatenate(part)[:count] for part in zip(*parts, strict=True))
@@ -183,53 +183,49 @@ def begin(config: ReachabilityConfig, start: Start) -> World:
 
 
 @pinned.jit(static_argnums=0)
-def _step_all(config: ReachabilityConfig, world: World, egos: Array) -> tuple[Array, Array, Array]:
+def _step_all(driving: DrivingSettings, world: World, egos: Array) -> tuple[Array, Array, Array]:
     """Every action from each of [B, 4] egos: ([B, 9, 4] egos, [B, 9] alive, [B, 9] past)."""
-    each_action = jax.vmap(partial(_step, config, world), in_axes=(None, 0))
+    each_action = jax.vmap(partial(_step, driving, world), in_axes=(None, 0))
     return jax.vmap(each_action, in_axes=(0, None))(egos, jnp.arange(actions.COUNT))
 
 
 def _step(
-    config: ReachabilityConfig, world: World, ego: Array, action: Array
+    driving: DrivingSettings, world: World, ego: Array, action: Array
 ) -> tuple[Array, Array, Array]:
     """One decision of the ego among the trap cars of ``world``."""
     vehicles = world.vehicles
-    x, y, heading, speed = (
-        values.at[0].set(value)
-        for values, value in zip(
-            (vehicles.x, vehicles.y, vehicles.heading, vehicles.speed), ego, strict=True
-        )
-    )
+    state = (vehicles.x, vehicles.y, vehicles.heading, vehicles.speed)
+    x, y, heading, speed = (old.at[0].set(own) for old, own in zip(state, ego, strict=True))
     world = replace(world, vehicles=replace(vehicles, x=x, y=y, heading=heading, speed=speed))
-    world = bicycle.command(world, *actions.commands(config.driving.actions, action, ego.dtype))
-    world = _ticks(config, world)
+    world = bicycle.command(world, *actions.commands(driving.actions, action, ego.dtype))
+    world = _ticks(driving, world)
     after = world.vehicles
     # A hit predicted for the next tick will come whatever is done.
-    dead = accidents.ego_accident(world, config.driving.stopped_speed) != accidents.NONE
+    dead = accidents.ego_accident(world, driving.stopped_speed) != accidents.NONE
     alive = ~dead & ~after.impacted[0]
     moved = jnp.stack([after.x[0], after.y[0], after.heading[0], after.speed[0]])
     return moved, alive, trap.escaped(world)
 
 
 @pinned.jit(static_argnums=0)
-def _coast(config: ReachabilityConfig, world: World) -> World:
+def _coast(driving: DrivingSettings, world: World) -> World:
     """The trap cars a decision later, whatever the ego has done."""
     present = world.vehicles.present
     alone = replace(world, vehicles=replace(world.vehicles, present=present.at[0].set(False)))
-    later = _ticks(config, alone)
+    later = _ticks(driving, alone)
     return replace(later, vehicles=replace(later.vehicles, present=present))
 
 
-def _ticks(config: ReachabilityConfig, world: World) -> World:
+def _ticks(driving: DrivingSettings, world: World) -> World:
     """The ticks of a decision; all a tick does where nobody drives by rules is to move and to hit.
 
     Leaving the drivers' look around out makes it three times as fast.
     """
-    duration = config.driving.tick_duration
+    duration = driving.tick_duration
 
     def tick(_: int, state: World) -> World:
         moved = bicycle.move(state, motion.heading_trig(state.vehicles), duration)
         return collision.resolve(moved, motion.heading_trig(moved.vehicles), duration)
 
-    later: World = jax.lax.fori_loop(0, config.driving.ticks_per_decision, tick, world)
+    later: World = jax.lax.fori_loop(0, driving.ticks_per_decision, tick, world)
     return later

@@ -14,13 +14,18 @@ from jax import Array
 from numpy.typing import NDArray
 
 from lanewise.driving import actions, episode
+from lanewise.driving.episode import Episode
+from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation import escapes
 from lanewise.evaluation.escapes import ReachabilityConfig, Reached
 from lanewise.scenario.trap import Start
 from lanewise.system import pinned
+from lanewise.world.state import World
 
 KNOWN = 32
 """Escapes of other starts that are tried before any search."""
+Decided = tuple[Episode, Array]
+"""An episode, and whether it has failed by now."""
 
 
 @dataclass(frozen=True)
@@ -87,20 +92,19 @@ def replay(
         return np.zeros(0, bool)
     padded = np.full((KNOWN, config.duration), actions.IDLE, np.int32)
     padded[: len(sequences)] = sequences
-    escaped: NDArray[np.bool_] = np.asarray(_replay(config, escapes.numbers(start), padded))
+    world = escapes.begin(config, escapes.numbers(start))
+    escaped: NDArray[np.bool_] = np.asarray(_replay(config.driving, world, padded))
     return escaped[: len(sequences)]
 
 
 @pinned.jit(static_argnums=0)
-def _replay(config: ReachabilityConfig, start: Start, sequences: Array) -> Array:
-    world = escapes.begin(config, start)
+def _replay(driving: DrivingSettings, world: World, sequences: Array) -> Array:
+    """Whether each of [B, T] actions is an escape, [B]."""
 
     def drive(chosen: Array) -> Array:
-        def decide(
-            state: tuple[episode.Episode, Array], action: Array
-        ) -> tuple[tuple[episode.Episode, Array], None]:
-            after = episode.step(config.driving, state[0], action, config.duration)
-            return (after, state[1] | after.outcome.terminated), None
+        def decide(before: Decided, action: Array) -> tuple[Decided, None]:
+            after = episode.step(driving, before[0], action, chosen.size)
+            return (after, before[1] | after.outcome.terminated), None
 
         (after, failed), _ = jax.lax.scan(decide, (episode.begin(world), jnp.bool_(False)), chosen)
         won: Array = after.stats.escaped & ~failed

@@ -5,7 +5,8 @@ what `lanewise.evaluation.evaluator` counts.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Protocol
 
 import jax
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from lanewise.controllers.controller import Memory, Parameters
 from lanewise.evaluation import evaluator
 from lanewise.evaluation.episodes import Episodes, Recording
-from lanewise.evaluation.evaluator import BLOCK, Drive, EvaluationConfig
+from lanewise.evaluation.evaluator import Drive, EvaluationConfig
 from lanewise.evaluation.external_policy import Decide
 from lanewise.scenario import trap
 from lanewise.system import pinned
@@ -63,19 +64,18 @@ class Simulator(Protocol):
 class Lanewise:
     """Our world: blocks, or one episode at a time."""
 
-    size: int = BLOCK
+    size: int = field(default_factory=lambda: evaluator.BLOCK)
 
     def begin(self, config: EvaluationConfig, seed: int, first: int) -> Drive:
         """As of `Simulator`."""
-        block = first - first % BLOCK
-        place = slice(first - block, first - block + self.size)
-        worlds = evaluator.start_block(config, seed, block)
-        return _begin(config, jax.tree.map(lambda leaf: leaf[place], worlds))
+        place = first % evaluator.BLOCK
+        worlds = evaluator.start_block(config, seed, first - place)
+        some = jax.tree.map(lambda leaf: leaf[place : place + self.size], worlds)
+        return _begin(evaluator.of_any_start(config), some)
 
     def step(self, config: EvaluationConfig, drive: Drive, memory: Memory, action: Array) -> Drive:
         """As of `Simulator`."""
-        found: Drive = _step(config, drive, memory, action)
-        return found
+        return _step(config, drive, memory, action)
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,7 @@ class Greedy:
         self, config: EvaluationConfig, drive: Drive, wanted: Booleans, first: bool
     ) -> tuple[Array, Memory]:
         """As of `StepPolicy`."""
-        found: tuple[Array, Memory] = _act(config, self.parameters, drive)
-        return found
+        return _act(config, self.parameters, drive)
 
 
 @dataclass(frozen=True)
@@ -105,8 +104,7 @@ class External:
         choices = jnp.asarray(self.decide(np.asarray(drive.percept.features), wanted, first))
         if jnp.issubdtype(choices.dtype, jnp.floating):
             return choices, drive.memory
-        found: tuple[Array, Memory] = _choose(config, drive, choices)
-        return found
+        return _choose(config, drive, choices)
 
 
 def evaluate(
@@ -169,10 +167,10 @@ def _drive(
     """A batch of drives, from the start on after each decision, until those wanted are over."""
     drive = simulator.begin(config, seed, first)
     yield drive
-    going = wanted
+    going, rules = wanted, evaluator.of_any_start(config)
     for number in range(config.duration):
-        action, memory = policy(config, drive, going, number == 0)
-        drive = simulator.step(config, drive, memory, action)
+        action, memory = policy(rules, drive, going, number == 0)
+        drive = simulator.step(rules, drive, memory, action)
         yield drive
         going = wanted & ~np.asarray(drive.episode.outcome.over)
         if not going.any():
@@ -181,20 +179,12 @@ def _drive(
 
 @pinned.jit(static_argnums=0)
 def _begin(config: EvaluationConfig, worlds: World) -> Drive:
-    def one(world: World) -> Drive:
-        return evaluator.begin(config, world)
-
-    found: Drive = jax.vmap(one)(worlds)
-    return found
+    return jax.vmap(partial(evaluator.begin, config))(worlds)
 
 
 @pinned.jit(static_argnums=0)
 def _act(config: EvaluationConfig, parameters: Parameters, drive: Drive) -> tuple[Array, Memory]:
-    def one(drive: Drive) -> tuple[Array, Memory]:
-        return evaluator.act(config, parameters, drive)[:2]
-
-    found: tuple[Array, Memory] = jax.vmap(one)(drive)
-    return found
+    return jax.vmap(partial(evaluator.act, config, parameters))(drive)[:2]
 
 
 @pinned.jit(static_argnums=0)
@@ -208,17 +198,12 @@ def _choose(config: EvaluationConfig, drive: Drive, choices: Array) -> tuple[Arr
         memory = level.choose(memory, drive.percept, choice)
         return controller.act(memory, drive.percept)
 
-    found: tuple[Array, Memory] = jax.vmap(one)(drive, choices)
-    return found
+    return jax.vmap(one)(drive, choices)
 
 
 @pinned.jit(static_argnums=0)
 def _step(config: EvaluationConfig, drive: Drive, memory: Memory, action: Array) -> Drive:
-    def one(drive: Drive, memory: Memory, action: Array) -> Drive:
-        return evaluator.step(config, drive, memory, action)
-
-    found: Drive = jax.vmap(one)(drive, memory, action)
-    return found
+    return jax.vmap(partial(evaluator.step, config))(drive, memory, action)
 
 
 def _recording(config: EvaluationConfig, frames: Sequence[Drive]) -> Recording:

@@ -131,7 +131,8 @@ def _drive(
             *filled[begin : begin + evaluator.BLOCK],
         )
         worlds = _place(test, seed, first + begin, block)
-        found: Result = jax.device_get(evaluator.drive_block(test, parameters, worlds))
+        rules = evaluator.of_any_start(test)
+        found: Result = jax.device_get(evaluator.drive_block(rules, parameters, worlds))
         return found
 
     blocks = concurrent.in_order(driven, range(0, len(filled), evaluator.BLOCK))
