@@ -32,7 +32,7 @@ ROOT = Path(__file__).parents[1]
 LISTS, WORK = ROOT / "campaigns" / "fault_lists", ROOT / "build" / "faults"
 HEAVY = (
     "jax", "jax.numpy", "optax", "numpy", "gymnasium", "hypothesis", "safetensors.numpy", "pytest",
-    "scipy.stats", "highway_env", "rich.progress", "tyro",
+    "scipy.stats", "highway_env", "rich.progress",
 )  # fmt: skip
 OPTIONS = ("-o", "addopts=", "-m", "not slow", "-q", "-x", "--tb=short")
 OPTIONS += ("-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:randomly")
