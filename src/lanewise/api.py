@@ -10,12 +10,11 @@ from typing import Any
 
 from lanewise import interop
 from lanewise.config.settings import Settings
-from lanewise.controllers.planned import Planned
 from lanewise.controllers.registry import TRAINABLE, WITH_STEP_1
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions, checked
 from lanewise.envs import functional, keywords
-from lanewise.envs.control import ContinuousControl, GoalControl
+from lanewise.envs.control import GoalControl
 from lanewise.errors import LanewiseError, RunError, brief
 from lanewise.evaluation import external_policy, metrics, stepwise
 from lanewise.evaluation.episodes import Episodes, Recording
@@ -331,11 +330,8 @@ def _course(actions: str, settings: dict[str, Any]) -> tuple[EvaluationConfig, i
     rules = task.rules
     controller: Any = SingleLevel()
     if isinstance(task.control, GoalControl):
-        controller = Planned(
-            rules.driving, task.control.goals, task.control.planner, renewal="critic"
-        )
-    (level,) = controller.levels
+        controller = task.control.planned(rules.driving)
     config = EvaluationConfig(
         task.scenario, rules.driving, controller, rules.duration, task.split, task=rules.task
     )
-    return config, 0 if isinstance(task.control, ContinuousControl) else level.choice_count
+    return config, task.control.count

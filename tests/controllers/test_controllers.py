@@ -8,8 +8,7 @@ import pytest
 from percepts import percept_of
 
 from lanewise.controllers import controller as controllers
-from lanewise.controllers.hierarchical import Hierarchical
-from lanewise.controllers.planned import Planned
+from lanewise.controllers.hierarchical import Hierarchical, Planned
 from lanewise.controllers.settings import GoalSettings, PlannerSettings
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving import actions

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lanewise.controllers import search
-from lanewise.controllers.search import Search
+from lanewise.controllers import references as search
+from lanewise.controllers.references import Search
 from lanewise.controllers.settings import SearchSettings
 from lanewise.driving import episode, percept
 from lanewise.driving.settings import DrivingSettings

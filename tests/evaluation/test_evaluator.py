@@ -13,7 +13,7 @@ import pytest
 
 import lanewise
 from lanewise import config
-from lanewise.controllers.rule_based import RuleBased
+from lanewise.controllers.references import RuleBased
 from lanewise.driving import observation
 from lanewise.driving.episode import EpisodeStats, Outcome
 from lanewise.driving.settings import DrivingSettings

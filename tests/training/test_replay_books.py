@@ -8,8 +8,7 @@ import pytest
 import replay_books
 from test_stage import COURSE, SETTINGS
 
-from lanewise.controllers.hierarchical import Hierarchical
-from lanewise.controllers.planned import Planned
+from lanewise.controllers.hierarchical import Hierarchical, Planned
 from lanewise.controllers.settings import GoalSettings, PlannerSettings
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.settings import DrivingSettings

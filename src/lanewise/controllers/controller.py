@@ -87,6 +87,21 @@ class Controller(Protocol):
         """The goal under way, None for a controller without goals."""
 
 
+class WithoutGoals:
+    """What controllers without goals have in common."""
+
+    def perceive(self, memory: Memory, percept: Percept) -> Memory:
+        """Nothing to take in."""
+        return memory
+
+    def feedback(self, memory: Memory, percept: Percept) -> Feedback:
+        """No distance from a goal."""
+        return Feedback(distance=jnp.zeros_like(percept.speed), reached=jnp.asarray(False))
+
+    def goal(self, memory: Memory) -> None:
+        """It has none."""
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Trace:
@@ -113,11 +128,7 @@ def choose(
 def act(
     controller: Controller, parameters: Parameters, memory: Memory, percept: Percept
 ) -> tuple[Array, Memory, dict[str, Trace]]:
-    """The greedy decision: perceive, let every level choose its best value, act.
-
-    Returns:
-        (int32 [] low-level action, the memory afterwards, a trace by level).
-    """
+    """(int32 [] low-level action, the memory afterwards, a trace by level) of a greedy decision."""
     memory = controller.perceive(memory, percept)
     traces = {}
     for level in controller.levels:

@@ -1,6 +1,6 @@
 """The goal critic: has the goal been reached, and may the high level set a new one?"""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -59,28 +59,15 @@ def update_goal_status(
 ) -> GoalMemory:
     """Look at the goal after a decision: it ends when reached, or at the time limit.
 
-    Args:
-        settings: tolerances and the time limit.
-        driving: how long a decision lasts.
-        renewal: ``critic`` (a new goal only when this one has ended), ``timestep`` (also every
-            second) or ``decision`` (always).
-        memory: the goal under way; one that is due already stays due.
-        percept: after the decision.
-
-    Returns:
-        The memory with ``due`` and the counts brought up to date.
+    By the renewal ``critic`` it is replaced only then, by ``timestep`` also every second, by
+    ``decision`` always. A goal that is due already stays due.
     """
     under_way = ~memory.due
     done = under_way & reached(settings, memory.goal, percept)
     given_up = under_way & ~done & (memory.age >= _limit(settings, driving))
     due = memory.due | done | (memory.age >= lifetime(settings, driving, renewal))
-    return GoalMemory(
-        goal=memory.goal,
-        age=memory.age,
-        due=due,
-        ended=memory.ended + (done | given_up),
-        timed_out=memory.timed_out + given_up,
-    )
+    ended, timed_out = memory.ended + (done | given_up), memory.timed_out + given_up
+    return replace(memory, due=due, ended=ended, timed_out=timed_out)
 
 
 def lifetime(settings: GoalSettings, driving: DrivingSettings, renewal: str) -> int:
@@ -102,21 +89,14 @@ def maybe_renew_goal(
     if settings.reference == "current-state":
         reference = goals.goal_from_state(settings, percept)
     new = goals.apply_high_level_action(settings, reference, percept, action)
-    return GoalMemory(
+    return replace(
+        memory,
         goal=jax.tree.map(lambda n, o: jnp.where(memory.due, n, o), new, memory.goal),
         age=jnp.where(memory.due, 0, memory.age),
         due=jnp.bool_(False),
-        ended=memory.ended,
-        timed_out=memory.timed_out,
     )
 
 
 def increment_age(memory: GoalMemory) -> GoalMemory:
     """The memory one decision later."""
-    return GoalMemory(
-        goal=memory.goal,
-        age=memory.age + 1,
-        due=memory.due,
-        ended=memory.ended,
-        timed_out=memory.timed_out,
-    )
+    return replace(memory, age=memory.age + 1)

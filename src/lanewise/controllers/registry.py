@@ -69,19 +69,19 @@ CONTROLLERS: dict[str, ControllerSpec] = {
         "single_level:SingleLevel",
         (Stage("single-level", ("single_level",), "single-level", section="single_level"),),
     ),
-    "planned": ControllerSpec("planned:Planned", (STEP_1,), has_goals=True),
+    "planned": ControllerSpec("hierarchical:Planned", (STEP_1,), has_goals=True),
     "h-dqn": ControllerSpec(
         "hierarchical:Hierarchical",
         (Stage("h-dqn", ("high_level", "low_level"), "h-dqn", section="h_dqn"),),
         has_goals=True,
     ),
     "rule-based": ControllerSpec(
-        "rule_based:RuleBased",
+        "references:RuleBased",
         driven_by_traffic_rules=True,
         not_exportable="the world itself drives it, by the rules of the traffic",
     ),
     "search": ControllerSpec(
-        "search:Search",
+        "references:Search",
         drives_one_at_a_time=True,
         not_exportable="it plans with the world itself and knows how everyone will drive",
     ),
@@ -97,13 +97,10 @@ WITH_STEP_1 = tuple(name for name, spec in CONTROLLERS.items() if spec.has_step_
 
 
 def make(name: str, settings: Any, renewal: str, observed: int) -> Any:
-    """Makes the controller of a name.
+    """The controller of a name, made by its class from `lanewise.config.settings.Settings`.
 
-    Args:
-        name: in ``CONTROLLERS``.
-        settings: of the run, as `lanewise.config.settings.Settings`.
-        renewal: when goals are renewed, see `GoalSettings`.
-        observed: numbers in an observation.
+    ``renewal`` says when goals are renewed, see `GoalSettings`; an observation has ``observed``
+    numbers.
     """
     module, _, factory = CONTROLLERS[name].factory.partition(":")
     owner = getattr(import_module(f"lanewise.controllers.{module}"), factory)

@@ -1,13 +1,13 @@
 """The single-level controller: one network from the 26 features to the nine actions."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from lanewise.controllers.controller import Feedback
+from lanewise.controllers.controller import WithoutGoals
 from lanewise.driving import actions, observation
 from lanewise.driving.percept import Percept
 
@@ -45,7 +45,7 @@ class FlatLevel:
 
 
 @dataclass(frozen=True)
-class SingleLevel:
+class SingleLevel(WithoutGoals):
     """The flat twin of the hierarchical controller."""
 
     hold: int = 1
@@ -55,10 +55,8 @@ class SingleLevel:
     """Features observed."""
 
     @classmethod
-    def from_settings(
-        cls, settings: Any, *, name: str, renewal: str, observed: int
-    ) -> "SingleLevel":
-        """Makes it from a run's settings, see `lanewise.controllers.registry.make`."""
+    def from_settings(cls, settings: Any, *, name: str, renewal: str, observed: int) -> Self:
+        """See `registry.make`."""
         return cls(settings.single_level.hold, observed=observed)
 
     @property
@@ -70,17 +68,6 @@ class SingleLevel:
         """A choice is due."""
         return HeldAction(action=jnp.int32(0), age=jnp.int32(0))
 
-    def perceive(self, memory: HeldAction, percept: Percept) -> HeldAction:
-        """Nothing to take in."""
-        return memory
-
     def act(self, memory: HeldAction, percept: Percept) -> tuple[Array, HeldAction]:
         """The held action."""
         return memory.action, replace(memory, age=(memory.age + 1) % self.hold)
-
-    def feedback(self, memory: HeldAction, percept: Percept) -> Feedback:
-        """No goal, no distance from it."""
-        return Feedback(distance=jnp.zeros_like(percept.speed), reached=jnp.asarray(False))
-
-    def goal(self, memory: HeldAction) -> None:
-        """It has none."""

@@ -4,8 +4,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from lanewise.world import road
-from lanewise.world.indexing import select_by_index
-from lanewise.world.state import World
+from lanewise.world.state import World, select_by_index
 
 NONE, COLLISION, OFF_ROAD, STOPPED = 0, 1, 2, 3
 """Accident codes; where several happen at once the first of the list is reported."""

@@ -40,9 +40,7 @@ def commands(settings: ActionSettings, action: Array, dtype: jnp.dtype) -> tuple
 def shared(settings: ActionSettings, shares: Array) -> tuple[Array, Array]:
     """Commands of a continuous action: (acceleration in m/s^2, steering in rad).
 
-    Args:
-        settings: the sizes that 1 stands for.
-        shares: [2] of acceleration and steering, clipped to [-1, 1].
+    The shares [2] of the sizes in the settings are clipped to [-1, 1].
     """
     shares = jnp.clip(shares, -1.0, 1.0)
     return shares[0] * settings.acceleration, shares[1] * settings.steering
@@ -56,16 +54,13 @@ def of_any(settings: ActionSettings, action: Array, dtype: jnp.dtype) -> tuple[A
 
 
 def checked(given: Any, count: int, shape: tuple[int, ...], wanted: str) -> NDArray[Any]:
-    """Actions from outside, discrete or continuous, as compiled functions take them.
+    """Actions from outside as compiled functions take them, int32, or float32 for continuous ones.
 
     Args:
         given: an array, or what NumPy makes one of.
         count: number of discrete actions; 0 for continuous ones, [..., 2] from -1 to 1.
         shape: of the actions.
         wanted: how an error begins: what they must be.
-
-    Returns:
-        int32, or float32 for continuous ones.
 
     Raises:
         ActionError: one does not exist. JAX would take another one instead.

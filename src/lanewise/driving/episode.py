@@ -106,17 +106,9 @@ def step(
     duration: int,
     task: TaskFunctions = PAPER_TASK,
 ) -> Episode:
-    """One decision: act, let the world tick, then evaluate reward and endings.
+    """The episode after one decision: a low-level action, int32 [], the ticks, reward and endings.
 
-    Args:
-        settings: the decision process.
-        episode: before the decision.
-        action: int32 [] low-level action index.
-        duration: decisions after which the episode is truncated.
-        task: whose reward and success count.
-
-    Returns:
-        The episode after the decision; `Episode.outcome` says what it led to.
+    It is truncated after ``duration`` decisions. `Episode.outcome` says what the decision led to.
     """
     dtype = episode.world.vehicles.x.dtype
     acceleration, steering = actions.commands(settings.actions, action, dtype)
@@ -145,15 +137,9 @@ def evaluate_step(
     duration: int,
     task: TaskFunctions = PAPER_TASK,
 ) -> Episode:
-    """The episode after a decision, given the world after it, whoever simulated that.
+    """The episode after a decision that steered by an angle, rad, and led to ``world``.
 
-    Args:
-        settings: the decision process.
-        before: the episode before the decision.
-        world: the world after it.
-        steering: [] angle the decision steered by, rad.
-        duration: decisions after which the episode is truncated.
-        task: whose reward and success count.
+    Whoever simulated that.
     """
     # A rule-based ego ignores actions; how it steered is in the world.
     by_rules = world.drivers.kind[0] == RULE_BASED

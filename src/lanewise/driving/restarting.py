@@ -16,18 +16,11 @@ Tree = TypeVar("Tree")
 
 
 def restart_finished(done: Array, worlds: Tree, begin: Callable[[Array], Tree]) -> Tree:
-    """Replace the worlds that are over.
+    """Replace the worlds that are over, bool [W].
 
     A few at a time, in a loop that runs as often as it takes, mostly not at all or once: a fresh
     episode for every world, to be used in few, costs about as much as the decision itself.
-
-    Args:
-        done: bool [W] which worlds are over.
-        worlds: arrays with a leading axis over the worlds.
-        begin: fresh worlds for the given ones, int32 [k] to arrays with a leading axis of k.
-
-    Returns:
-        The worlds, none of them over.
+    ``begin`` makes fresh worlds, arrays with a leading axis of k, of their numbers, int32 [k].
     """
     count = done.shape[0]
     if not on_cpu():

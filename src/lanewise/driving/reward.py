@@ -40,15 +40,8 @@ def total(
 ) -> Array:
     """Reward of a decision, eq. (6): the weighted mean of the terms, or the accident penalty.
 
-    Args:
-        settings: weights and penalty.
-        ego_speed: [] m/s, after the decision.
-        lane_offset: [] m, after the decision.
-        steering_angle: [] rad, of the decision's action.
-        accident: bool [], whether one happened in the decision.
-
-    Returns:
-        [] reward; between -0.06 w_theta/sum(w) and 1 without an accident.
+    The speed, m/s, and the offset, m, are those after the decision, the angle, rad, is that of its
+    action. Between -0.06 w_theta/sum(w) and 1 without an accident.
     """
     weights = settings.speed_weight + settings.steering_weight + settings.centring_weight
     driving = (

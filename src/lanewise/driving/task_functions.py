@@ -78,15 +78,9 @@ class TaskFunctions:
     def validate(
         self, scenario: TrapSettings, driving: DrivingSettings, split: str = "training"
     ) -> int:
-        """Try the user's own functions, each traced alone: a mistake shows at once, under its name.
+        """Length of what the controller sees; tries the user's own functions, each traced alone.
 
-        Args:
-            scenario: where episodes start.
-            driving: the decision process.
-            split: from which starts.
-
-        Returns:
-            Length of what the controller sees.
+        So a mistake shows at once, under its name.
 
         Raises:
             SettingsError: one of them fails, or returns something else than it must.
@@ -164,11 +158,7 @@ class TaskFunctions:
 
 @contextmanager
 def named(functions: str) -> Iterator[None]:
-    """Failures of a user's functions as an error that names them.
-
-    Raises:
-        SettingsError: one of them failed.
-    """
+    """Failures of a user's functions as a `SettingsError` that names them."""
     try:
         yield
     except LanewiseError:
@@ -196,14 +186,12 @@ def _name(function: Any) -> str:
 
 
 def _module(function: Any) -> str:
-    """Where a function is from."""
     while isinstance(function, partial):
         function = function.func
     return str(getattr(function, "__module__", None) or type(function).__module__)
 
 
 def _plain(value: Any) -> str:
-    """A number, a truth or a text as it is written; of anything else its type."""
     if type(value) in (int, float, bool, str, type(None)):
         return brief(repr(value))
     return type(value).__name__
@@ -235,11 +223,7 @@ PAPER_TASK = TaskFunctions()
 
 
 def checked(task: Any) -> TaskFunctions:
-    """Parts that a user gave.
-
-    Raises:
-        SettingsError: they are something else.
-    """
+    """Parts that a user gave; a `SettingsError` if they are something else."""
     if not isinstance(task, TaskFunctions):
         raise SettingsError(f"task: expected lanewise.TaskFunctions(...), got {str(task)[:80]}")
     return task

@@ -7,7 +7,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from lanewise.controllers.planned import Planned
+from lanewise.controllers import goals
+from lanewise.controllers.hierarchical import Planned
 from lanewise.controllers.settings import GoalSettings, PlannerSettings
 from lanewise.driving import actions, episode, percept
 from lanewise.driving.episode import Episode
@@ -16,6 +17,8 @@ from lanewise.driving.task_functions import TaskFunctions
 
 Memory = Any
 """A control's own pytree, carried from step to step."""
+Driven = tuple[Episode, Memory, Array]
+"""(the episode after an action, the memory, the reward of its decisions, [])."""
 
 
 @dataclass(frozen=True)
@@ -31,44 +34,30 @@ class Rules:
 class Control(Protocol):
     """How actions drive, written for one world. Static."""
 
+    @property
+    def count(self) -> int:
+        """Number of actions, int32 []; 0 for continuous ones, [2] from -1 to 1."""
+
     def begin(self, rules: Rules, state: Episode) -> Memory:
         """The memory at an episode's start."""
 
-    def drive(
-        self, rules: Rules, state: Episode, memory: Memory, action: Array
-    ) -> tuple[Episode, Memory, Array]:
-        """(the episode after the action, the memory, the reward of its decisions, [])."""
+    def drive(self, rules: Rules, state: Episode, memory: Memory, action: Array) -> Driven:
+        """What becomes of an action."""
 
 
 @dataclass(frozen=True)
-class LowLevelControl:
-    """One of the nine low-level actions; int32 []."""
+class DirectControl:
+    """Commands for one decision: a low-level action, or shares of the sizes of these."""
+
+    count: int = actions.COUNT
 
     def begin(self, rules: Rules, state: Episode) -> tuple[()]:
         """Nothing to remember."""
         return ()
 
-    def drive(
-        self, rules: Rules, state: Episode, memory: tuple[()], action: Array
-    ) -> tuple[Episode, tuple[()], Array]:
+    def drive(self, rules: Rules, state: Episode, memory: tuple[()], action: Array) -> Driven:
         """One decision."""
-        after = episode.step(rules.driving, state, action, rules.duration, rules.task)
-        return after, memory, after.outcome.reward
-
-
-@dataclass(frozen=True)
-class ContinuousControl:
-    """Acceleration and steering as shares of the sizes of the low-level actions; [2], -1 to 1."""
-
-    def begin(self, rules: Rules, state: Episode) -> tuple[()]:
-        """Nothing to remember."""
-        return ()
-
-    def drive(
-        self, rules: Rules, state: Episode, memory: tuple[()], action: Array
-    ) -> tuple[Episode, tuple[()], Array]:
-        """One decision."""
-        commands = actions.shared(rules.driving.actions, action)
+        commands = actions.of_any(rules.driving.actions, action, state.world.vehicles.x.dtype)
         after = episode.step_with_commands(
             rules.driving, state, *commands, rules.duration, rules.task
         )
@@ -82,26 +71,33 @@ class GoalControl:
     goals: GoalSettings
     planner: PlannerSettings
 
+    @property
+    def count(self) -> int:
+        """High-level actions."""
+        return goals.action_count(self.goals)
+
+    def planned(self, driving: DrivingSettings) -> Planned:
+        """The controller whose high level's place the actions take."""
+        return Planned(driving, self.goals, self.planner, renewal="critic")
+
     def begin(self, rules: Rules, state: Episode) -> Memory:
         """No goal yet."""
         seen = percept.perceive(rules.driving.observation, state.world)
-        return self._planned(rules).start(seen)
+        return self.planned(rules.driving).start(seen)
 
-    def drive(
-        self, rules: Rules, state: Episode, memory: Memory, action: Array
-    ) -> tuple[Episode, Memory, Array]:
+    def drive(self, rules: Rules, state: Episode, memory: Memory, action: Array) -> Driven:
         """As many decisions as the goal lasts."""
-        planned = self._planned(rules)
+        planned = self.planned(rules.driving)
         seen = percept.perceive(rules.driving.observation, state.world)
         (level,) = planned.levels
         memory = level.choose(memory, seen, action)
 
-        def lasts(carry: tuple[Episode, Memory, Array]) -> Array:
+        def lasts(carry: Driven) -> Array:
             state, memory, _ = carry
             goes_on: Array = ~(memory.goal.due | state.outcome.over)
             return goes_on
 
-        def decide(carry: tuple[Episode, Memory, Array]) -> tuple[Episode, Memory, Array]:
+        def decide(carry: Driven) -> Driven:
             state, memory, reward = carry
             seen = percept.perceive(rules.driving.observation, state.world)
             low_level, memory = planned.act(memory, seen)
@@ -112,8 +108,5 @@ class GoalControl:
             return state, memory, reward + state.outcome.reward
 
         begun = (state, memory, jnp.zeros_like(state.outcome.reward))
-        found: tuple[Episode, Memory, Array] = jax.lax.while_loop(lasts, decide, decide(begun))
+        found: Driven = jax.lax.while_loop(lasts, decide, decide(begun))
         return found
-
-    def _planned(self, rules: Rules) -> Planned:
-        return Planned(rules.driving, self.goals, self.planner, renewal="critic")

@@ -19,7 +19,7 @@ from lanewise.driving.actions import are_numbers
 from lanewise.driving.episode import Episode
 from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions, checked
 from lanewise.envs import keywords
-from lanewise.envs.control import ContinuousControl, Control, GoalControl, LowLevelControl, Rules
+from lanewise.envs.control import Control, DirectControl, GoalControl, Rules
 from lanewise.errors import ActionError, SettingsError
 from lanewise.fields.suggestions import look_up
 from lanewise.scenario.settings import TrapSettings
@@ -118,9 +118,9 @@ def make(
         raise SettingsError(f"duration must be at least {shortest:g} s, got {duration}")
     check_duration("duration", float(duration), composed.scenario)
     controls: dict[str, Control] = {
-        "low-level": LowLevelControl(),
+        "low-level": DirectControl(),
         "goal": GoalControl(composed.goals, composed.planner),
-        "continuous": ContinuousControl(),
+        "continuous": DirectControl(count=0),
     }
     return EnvConfig(
         scenario=composed.scenario,
@@ -132,30 +132,19 @@ def make(
 
 @pinned.jit(static_argnums=0)
 def reset(config: EnvConfig, key: Array) -> tuple[State, Step]:
-    """A fresh episode.
-
-    Args:
-        config: from `make`.
-        key: random key of the start.
-
-    Returns:
-        The state, and what it shows.
-    """
+    """A fresh episode, whose start is drawn by a random key, and what it shows."""
     return start(config, config.rules.task.start(config.scenario, pinned.own(key), config.split))
 
 
 @pinned.jit(static_argnums=0)
 def step(config: EnvConfig, state: State, action: Array) -> tuple[State, Step]:
-    """One step; what follows an episode's end is without meaning.
+    """The state after one step, and what it led to; after an episode's end without meaning.
 
     Args:
         config: from `make`.
         state: before the step.
         action: int32 [] index of a low-level action or a goal; for continuous ones float32 [2]:
             acceleration and steering (positive to the right) from -1 to 1.
-
-    Returns:
-        The state after it, and what the step led to.
 
     Raises:
         ActionError: the action has another type or shape. Its value is not looked at.
@@ -171,22 +160,14 @@ def step(config: EnvConfig, state: State, action: Array) -> tuple[State, Step]:
 
 def _check_kind(control: Control, action: Array) -> None:
     """Refuses an action of another type or shape; traced, it has no value yet."""
-    continuous = isinstance(control, ContinuousControl)
-    shape = (2,) if continuous else ()
-    wanted = "two numbers, acceleration and steering" if continuous else "one whole number"
-    if action.shape != shape or not are_numbers(action.dtype, count=not continuous):
+    shape = () if control.count else (2,)
+    wanted = "one whole number" if control.count else "two numbers, acceleration and steering"
+    if action.shape != shape or not are_numbers(action.dtype, control.count):
         raise ActionError(f"an action must be {wanted}, got {action.dtype} of shape {action.shape}")
 
 
 def after_step(config: EnvConfig, after: Episode, memory: Any, reward: Array) -> tuple[State, Step]:
-    """The state after a step, and what it shows, whoever simulated it.
-
-    Args:
-        config: from `make`.
-        after: the episode after the step.
-        memory: the control's.
-        reward: [] of the step.
-    """
+    """The state after a step, and what it shows, whoever simulated it."""
     state = State(after, memory, reward)
     outcome = after.outcome
     return state, Step(
@@ -203,16 +184,13 @@ def after_step(config: EnvConfig, after: Episode, memory: Any, reward: Array) ->
 
 
 def restarted(config: EnvConfig, states: State, steps: Step, keys: Array) -> tuple[State, Array]:
-    """Fresh episodes where the last step ended one.
+    """([W] states, [W, 26] observations to act on next), fresh where an episode has ended.
 
     Args:
         config: from `make`.
         states: [W] after a step.
         steps: [W] what the step showed; its observations are those of the episodes that ended.
         keys: [W] random keys, used where an episode ended.
-
-    Returns:
-        ([W] states, none of them over; [W, 26] their observations, to act on next).
     """
 
     def begin(over: Array) -> tuple[State, Array]:

@@ -10,7 +10,6 @@ from lanewise.envs.functional import EnvConfig, State
 from lanewise.evaluation.episodes import Recording
 from lanewise.report.frame import frame
 from lanewise.scenario import trap
-from lanewise.world.state import World
 
 
 def picture(config: EnvConfig, state: State, *, success: bool, accident: int) -> NDArray[np.uint8]:
@@ -22,36 +21,15 @@ def picture(config: EnvConfig, state: State, *, success: bool, accident: int) ->
         success: whether the episode has succeeded by now.
         accident: code of the accident that ended it, 0 if none did.
     """
-    fetched: State = jax.device_get(state)
-    goal = getattr(fetched.memory, "goal", None)
-    return drawn(
-        fetched.episode.world,
-        time=int(fetched.episode.stats.decisions) * config.rules.driving.decision_duration,
-        goal=(-1, np.nan) if goal is None else (int(goal.goal.lane), float(goal.goal.speed)),
-        reward=float(fetched.reward),
-        timestep_reward=float(fetched.episode.stats.timestep_reward),
-        success=success,
-        accident=accident,
-    )
-
-
-def drawn(
-    world: World,
-    *,
-    time: float,
-    goal: tuple[int, float],
-    reward: float,
-    timestep_reward: float,
-    success: bool,
-    accident: int,
-) -> NDArray[np.uint8]:
-    """A world in NumPy as a picture."""
 
     def one(value: Any, dtype: Any = np.float64) -> Any:
         return np.asarray(value, dtype)[None]
 
-    road, vehicles = world.road, world.vehicles
-    lanes = np.asarray(road.present)
+    fetched: State = jax.device_get(state)
+    world, stats = fetched.episode.world, fetched.episode.stats
+    road, vehicles, lanes = world.road, world.vehicles, world.road.present
+    under_way = getattr(fetched.memory, "goal", None)
+    time = int(stats.decisions) * config.rules.driving.decision_duration
     still = Recording(
         controller="lanewise",
         time=one(time),
@@ -66,12 +44,12 @@ def drawn(
         width=np.asarray(world.drivers.width, np.float64),
         lane_centre=np.asarray(road.centre, np.float64)[lanes],
         lane_width=np.asarray(road.width, np.float64)[lanes],
-        goal_lane=one(goal[0], np.int64),
-        goal_speed=one(goal[1]),
+        goal_lane=one(-1 if under_way is None else under_way.goal.lane, np.int64),
+        goal_speed=one(np.nan if under_way is None else under_way.goal.speed),
         goals_ended=one(0, np.int64),
         goals_timed_out=one(0, np.int64),
-        reward=one(reward),
-        accumulated_reward=one(timestep_reward),
+        reward=one(fetched.reward),
+        accumulated_reward=one(stats.timestep_reward),
         escaped=one(success, np.bool_),
         accident=accident,
     )

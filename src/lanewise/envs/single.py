@@ -13,11 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from jax import Array
-from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
 from lanewise.driving import actions
-from lanewise.envs import functional, rows, spaces
+from lanewise.envs import functional, spaces
 from lanewise.envs.functional import EnvConfig, State
 from lanewise.envs.starts import Starts
 from lanewise.errors import SettingsError
@@ -51,9 +50,6 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
         Args:
             render_mode: None, or ``rgb_array`` for pictures by `render`.
             settings: as of `lanewise.envs.functional.make`.
-
-        Raises:
-            SettingsError: a name or a value is wrong.
         """
         refuse_other(settings, render_mode)
         self.config = functional.make(self.actions, **settings)
@@ -81,7 +77,7 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
         """
         refuse_unusable(self.closed)
         starts = self._starts.turned(np.array([True]), [seed], options)
-        observation, facts = rows.unpack(self._begin(*starts.first))
+        observation, facts = spaces.unpack(self._begin(*starts.first))
         super().reset(seed=None if seed is None else starts.first[0])
         self._starts = starts
         self._over = False
@@ -99,7 +95,7 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
         refuse_unusable(self.closed)
         if self._state is None or self._over:
             raise ResetNeeded("the episode is over: call reset() before step()")
-        observation, facts = rows.unpack(self._decide(checked(self.action_space, action)))
+        observation, facts = spaces.unpack(self._decide(self._checked(action)))
         self._info = info(facts, self._starts)
         terminated, truncated = bool(facts["terminated"]), bool(facts["truncated"])
         self._over = terminated or truncated
@@ -125,14 +121,18 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
         """End the use of the environment: afterwards only `close` may be called."""
         self.closed = True
 
+    def _checked(self, action: Any) -> NDArray[Any]:
+        space, wanted = self.action_space, f"action must be in {self.action_space}"
+        return actions.checked(action, self.config.control.count, space.shape or (), wanted)
+
     def _begin(self, seed: int, index: int) -> Any:
         """Start ``index`` of a seed; its row."""
-        self._state, row = _reset(self.config, jnp.uint32(seed), jnp.int32(index))
+        self._state, row = reset(self.config, jnp.uint32(seed), jnp.int32(index))
         return row
 
     def _decide(self, action: NDArray[Any]) -> Any:
         """One step; its row."""
-        self._state, row = _step(self.config, self._state, action)
+        self._state, row = step(self.config, self._state, action)
         return row
 
 
@@ -156,11 +156,7 @@ class TrapContinuousEnv(TrapEnv):
 
 
 def refuse_other(settings: Mapping[str, Any], render_mode: object) -> None:
-    """Refuses what no environment can be told by keyword.
-
-    Raises:
-        SettingsError: the kind of action, which the id says, or a render mode that there is not.
-    """
+    """Refuses the kind of action, which the id says, and a render mode that there is not."""
     if "actions" in settings:
         raise SettingsError(
             "actions: each kind has an id of its own: lanewise/Trap-v0, lanewise/TrapGoal-v0, "
@@ -171,12 +167,7 @@ def refuse_other(settings: Mapping[str, Any], render_mode: object) -> None:
 
 
 def refuse_unusable(closed: bool) -> None:
-    """Refuses to go on where that is no longer possible.
-
-    Raises:
-        ClosedEnvironmentError: the environment was closed.
-        LanewiseError: see `process.refuse_forked`.
-    """
+    """Refuses to go on in a closed environment, or in a forked process."""
     if closed:
         raise ClosedEnvironmentError("this environment is closed; make a new one")
     process.refuse_forked()
@@ -194,30 +185,20 @@ def metadata(config: EnvConfig) -> dict[str, Any]:
 
 def info(facts: dict[str, NDArray[Any]], starts: Starts) -> Info:
     """Of one environment, in plain types."""
-    found = {name: facts[name].item() for name in rows.INFO}
+    found = {name: facts[name].item() for name in spaces.INFO}
     seed, start = starts.first
     return found | {"seed": seed, "start": start}
 
 
-def checked(space: gymnasium.Space[Any], action: Any) -> NDArray[Any]:
-    """An action as compiled functions take it.
-
-    Raises:
-        ActionError: it is not in the space.
-    """
-    wanted = f"action must be in {space}"
-    return actions.checked(action, spaces.count(space), space.shape or (), wanted)
-
-
 @pinned.jit(static_argnums=0)
-def _reset(config: EnvConfig, seed: Array, index: Array) -> tuple[State, Array]:
-    """(state, row)."""
+def reset(config: EnvConfig, seed: Array, index: Array) -> tuple[State, Array]:
+    """(state, row) of a start."""
     state, shown = functional.reset(config, trap.start_key(seed, config.split, index))
-    return state, rows.pack(shown)
+    return state, spaces.pack(shown)
 
 
 @pinned.jit(static_argnums=0)
-def _step(config: EnvConfig, state: State, action: ArrayLike) -> tuple[State, Array]:
-    """(state, row)."""
+def step(config: EnvConfig, state: State, action: Array) -> tuple[State, Array]:
+    """(state, row) after a step."""
     state, shown = functional.step(config, state, action)
-    return state, rows.pack(shown)
+    return state, spaces.pack(shown)

@@ -1,31 +1,40 @@
-"""The spaces of actions and observations."""
+"""What goes in and out of Gymnasium's environments: spaces, actions, and rows of numbers.
+
+What a step shows is packed into one row, so that one fetch brings it to NumPy.
+"""
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from gymnasium.spaces import Box, Discrete, Space
+from jax import Array
 from numpy.typing import NDArray
 
-from lanewise.controllers import goals
-from lanewise.driving import actions, observation
+from lanewise.driving import observation
 from lanewise.driving.task_functions import PAPER_TASK
-from lanewise.envs.control import GoalControl, LowLevelControl
-from lanewise.envs.functional import EnvConfig
+from lanewise.envs.functional import EnvConfig, Step
 from lanewise.system import pinned
+
+FACTS = (
+    ("reward", np.float64),
+    ("terminated", np.bool_),
+    ("truncated", np.bool_),
+    ("escaped", np.bool_),
+    ("is_success", np.bool_),
+    ("accident", np.int64),
+    ("speed", np.float64),
+    ("timestep_reward", np.float64),
+)
+"""What stands behind the observation, and as what it is handed on."""
+INFO = tuple(name for name, _ in FACTS[3:])
+"""Of these, what stands in ``info``."""
 
 
 def of_actions(config: EnvConfig) -> Discrete | Box:
     """What `functional.step` takes."""
-    if isinstance(config.control, LowLevelControl):
-        return Discrete(actions.COUNT)
-    if isinstance(config.control, GoalControl):
-        return Discrete(goals.action_count(config.control.goals))
-    return Box(-1.0, 1.0, (2,), np.float32)
-
-
-def count(space: Space[Any]) -> int:
-    """Number of actions in a space of `of_actions`; 0 for continuous ones."""
-    return int(space.n) if isinstance(space, Discrete) else 0
+    count = config.control.count
+    return Discrete(count) if count else Box(-1.0, 1.0, (2,), np.float32)
 
 
 @pinned.switches()
@@ -38,3 +47,23 @@ def of_observations(config: EnvConfig) -> Space[NDArray[np.float32]]:
     size = config.rules.task.validate(config.scenario, config.rules.driving)
     box: Any = Box(-limit, limit, (size,), np.float32)
     return box  # type: ignore[no-any-return]
+
+
+def pack(step: Step) -> Array:
+    """One row, float32 [n + 8]."""
+    facts = (
+        *(step.reward, step.terminated, step.truncated),
+        *(step.escaped, step.success, step.accident, step.speed, step.timestep_reward),
+    )
+    return jnp.concatenate([step.observation, jnp.stack([jnp.float32(fact) for fact in facts])])
+
+
+def unpack(rows: Any) -> tuple[NDArray[np.float32], dict[str, NDArray[Any]]]:
+    """(observations [..., n], the facts by name [...]) of rows [..., n + 8]."""
+    fetched = np.asarray(rows)
+    size = fetched.shape[-1] - len(FACTS)
+    facts: dict[str, NDArray[Any]] = {
+        name: fetched[..., size + place].astype(dtype) for place, (name, dtype) in enumerate(FACTS)
+    }
+    # A copy, as the fetched array cannot be written to.
+    return fetched[..., :size].copy(), facts

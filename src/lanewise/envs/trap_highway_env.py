@@ -9,7 +9,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from lanewise.driving import actions, episode
-from lanewise.envs import functional, rows
+from lanewise.envs import functional, spaces
 from lanewise.envs.functional import EnvConfig, State
 from lanewise.envs.single import TrapEnv
 from lanewise.interop import evaluation_in_highway_env
@@ -73,7 +73,7 @@ def _start(config: EnvConfig, seed: Array, index: Array) -> World:
 def _begun(config: EnvConfig, world: World) -> tuple[State, Array]:
     """(state, row) at the start."""
     state, shown = functional.start(config, world)
-    return state, rows.pack(shown)
+    return state, spaces.pack(shown)
 
 
 @pinned.jit(static_argnums=0)
@@ -85,4 +85,4 @@ def _evaluated(config: EnvConfig, state: State, world: World, action: Array) -> 
         rules.driving, state.episode, world, steering, rules.duration, rules.task
     )
     state, shown = functional.after_step(config, after, state.memory, after.outcome.reward)
-    return state, rows.pack(shown)
+    return state, spaces.pack(shown)

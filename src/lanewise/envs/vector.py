@@ -19,13 +19,12 @@ from numpy.typing import NDArray
 
 from lanewise.driving import restarting
 from lanewise.driving.actions import checked
-from lanewise.envs import functional, rows, single, spaces
+from lanewise.envs import functional, single, spaces
 from lanewise.envs.functional import EnvConfig, State
 from lanewise.envs.keywords import plain
 from lanewise.envs.starts import Starts, mapping
 from lanewise.fields.ranges import Between, FieldType
 from lanewise.fields.suggestions import look_up
-from lanewise.scenario import trap
 from lanewise.system import pinned
 
 Booleans = NDArray[np.bool_]
@@ -65,9 +64,6 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
             max_episode_steps: steps after which an episode is truncated, as by ``gymnasium.make``;
                 None or -1: its duration alone truncates it.
             settings: as of `lanewise.envs.functional.make`.
-
-        Raises:
-            SettingsError: a name or a value is wrong.
         """
         super().__init__()
         num_envs = COUNT.check("num_envs", plain(num_envs))
@@ -118,14 +114,14 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
             raise ResetNeeded("the first reset() is of all environments, without a reset_mask")
         starts = self._starts.turned(which, seed, others)
         if self._states is None or which.all():
-            states, found = _reset(self.config, starts.seeds, starts.indices)
+            states, found = _fresh(self.config, starts.seeds, starts.indices)
         else:
             states, found = _reset_some(
                 self.config, self._states, starts.seeds, starts.indices, which
             )
         super().reset(seed=None if seed is None else starts.first[0])
         self._states, self._starts = states, starts
-        observations, facts = rows.unpack(found)
+        observations, facts = spaces.unpack(found)
         self._observations = np.where(which[:, None], observations, self._observations)
         self._over = self._over & ~which
         self._steps = np.where(which, 0, self._steps)
@@ -151,16 +147,11 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
         late = steps >= self._limit
         at_once = self.mode is AutoresetMode.SAME_STEP
         before = self._starts
-        restarts = {
-            AutoresetMode.NEXT_STEP: _step_or_restart,
-            AutoresetMode.SAME_STEP: _step_and_restart,
-            AutoresetMode.DISABLED: _step,
-        }
-        self._states, found, last = restarts[self.mode](
-            *(self.config, self._states, given, before.seeds, before.indices + 1),
+        self._states, found, last = _step(
+            *(self.config, self.mode, self._states, given, before.seeds, before.indices + 1),
             late if at_once else self._over,
         )
-        self._observations, facts = rows.unpack(found)
+        self._observations, facts = spaces.unpack(found)
         facts["truncated"] |= late
         done = facts["terminated"] | facts["truncated"]
         # Without autoreset none is over: the step would have been refused.
@@ -211,7 +202,7 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
         each = self.single_action_space
         shape = (self.num_envs, *(each.shape or ()))
         wanted = f"actions must be {self.num_envs} of {each}"
-        return checked(actions, spaces.count(each), shape, wanted)
+        return checked(actions, self.config.control.count, shape, wanted)
 
 
 class TrapGoalVectorEnv(TrapVectorEnv):
@@ -228,7 +219,7 @@ class TrapContinuousVectorEnv(TrapVectorEnv):
 
 def _info(facts: dict[str, Any], starts: Starts, which: Booleans) -> Info:
     """As Gymnasium's vector environments tell it: arrays, and for each which of it counts."""
-    told = {name: facts[name] for name in rows.INFO}
+    told = {name: facts[name] for name in spaces.INFO}
     told |= {"seed": starts.seeds.astype(np.int64), "start": starts.indices.astype(np.int64)}
     found: Info = {}
     for name, values in told.items():
@@ -239,7 +230,7 @@ def _info(facts: dict[str, Any], starts: Starts, which: Booleans) -> Info:
 
 def _final(last: Array, starts: Starts, done: Booleans) -> Info:
     """What the episodes that ended showed last."""
-    observations, facts = rows.unpack(last)
+    observations, facts = spaces.unpack(last)
     shown = np.full(len(done), None, object)
     for place in np.flatnonzero(done):
         shown[place] = observations[place]
@@ -251,14 +242,10 @@ def _final(last: Array, starts: Starts, done: Booleans) -> Info:
     }
 
 
+@pinned.jit(static_argnums=0)
 def _fresh(config: EnvConfig, seeds: Array, indices: Array) -> tuple[State, Array]:
     """([W] states at these starts, [W, n + 8] rows)."""
-
-    def one(seed: Array, index: Array) -> tuple[State, Array]:
-        state, shown = functional.reset(config, trap.start_key(seed, config.split, index))
-        return state, rows.pack(shown)
-
-    found: tuple[State, Array] = jax.vmap(one)(seeds, indices)
+    found: tuple[State, Array] = jax.vmap(partial(single.reset, config))(seeds, indices)
     return found
 
 
@@ -272,22 +259,6 @@ def _where(
     return after
 
 
-def _stepped(config: EnvConfig, states: State, actions: Array) -> tuple[State, Array]:
-    """Every environment one step further."""
-
-    def one(state: State, action: Array) -> tuple[State, Array]:
-        state, shown = functional.step(config, state, action)
-        return state, rows.pack(shown)
-
-    found: tuple[State, Array] = jax.vmap(one)(states, actions)
-    return found
-
-
-@pinned.jit(static_argnums=0)
-def _reset(config: EnvConfig, seeds: Array, indices: Array) -> tuple[State, Array]:
-    return _fresh(config, seeds, indices)
-
-
 @pinned.jit(static_argnums=0)
 def _reset_some(
     config: EnvConfig, states: State, seeds: Array, indices: Array, which: Array
@@ -296,40 +267,29 @@ def _reset_some(
     return _where(config, which, states, jnp.zeros(size.shape, size.dtype), seeds, indices)
 
 
-Stepped = tuple[State, Array, Array]
-"""(states, rows to be shown, rows of the step itself)."""
-
-
-@pinned.jit(static_argnums=0)
+@pinned.jit(static_argnums=(0, 1))
 def _step(
-    config: EnvConfig, states: State, actions: Array, seeds: Array, following: Array, over: Array
-) -> Stepped:
-    """No restarts."""
-    states, found = _stepped(config, states, actions)
-    return states, found, found
+    config: EnvConfig,
+    mode: AutoresetMode,
+    states: State,
+    actions: Array,
+    seeds: Array,
+    following: Array,
+    over: Array,
+) -> tuple[State, Array, Array]:
+    """(states, rows to be shown, rows of the step itself).
 
-
-@pinned.jit(static_argnums=0)
-def _step_or_restart(
-    config: EnvConfig, states: State, actions: Array, seeds: Array, following: Array, over: Array
-) -> Stepped:
-    """Restarts where the episode was over before the step."""
-    states, found = _stepped(config, states, actions)
-    states, shown = _where(config, over, states, found, seeds, following)
-    return states, shown, found
-
-
-@pinned.jit(static_argnums=0)
-def _step_and_restart(
-    config: EnvConfig, states: State, actions: Array, seeds: Array, following: Array, over: Array
-) -> Stepped:
-    """Restarts where the step ended the episode, or too many steps did: those are ``over``.
-
-    The step's reward and ending are still told.
+    Those that are ``over``, before the step or in `SAME_STEP` by the number of steps, restart, in
+    `SAME_STEP` also those whose episode the step ended. Its reward and ending are still told then.
     """
-    states, found = _stepped(config, states, actions)
+    states, found = jax.vmap(partial(single.step, config))(states, actions)
+    if mode is AutoresetMode.DISABLED:
+        return states, found, found
+    if mode is AutoresetMode.NEXT_STEP:
+        states, shown = _where(config, over, states, found, seeds, following)
+        return states, shown, found
     # Reward, terminated and truncated; what stands behind them is the fresh episode's.
-    told = slice(-len(rows.FACTS), -len(rows.INFO))
+    told = slice(-len(spaces.FACTS), -len(spaces.INFO))
     _, terminated, truncated = found[:, told].T
     ended = ((terminated + truncated) > 0) | over
     states, shown = _where(config, ended, states, found, seeds, following)

@@ -16,7 +16,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from lanewise.controllers.controller import Controller, Memory, Parameters, Trace
-from lanewise.controllers.levels import TwoLevelMemory
+from lanewise.controllers.hierarchical import TwoLevelMemory
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.percept import Percept
 from lanewise.evaluation import evaluator

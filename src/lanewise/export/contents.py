@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lanewise.controllers import goal_critic, goals, planner
-from lanewise.controllers.hierarchical import Hierarchical
-from lanewise.controllers.planned import Planned
+from lanewise.controllers.hierarchical import Hierarchical, Planned
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.export.numpy_policy import FORMAT, VERSION, Policy
 from lanewise.runs.trained import Trained

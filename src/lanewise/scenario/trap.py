@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from lanewise.scenario.settings import TrapSettings
 from lanewise.system import pinned
 from lanewise.world import build, road
-from lanewise.world.indexing import select_by_index
 from lanewise.world.settings import DriverSettings
-from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, World
+from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, World, select_by_index
 
 SPLITS = ("training", "validation", "test")
 """Where a start comes from; each split draws from its own key stream."""
@@ -131,16 +130,10 @@ def draw(settings: TrapSettings, key: Array, split: str) -> Start:
 
 
 def place(settings: TrapSettings, start: Start, key: Array, lanes: int) -> World:
-    """The world with these numbers; ``key`` draws the traffic's lanes and gaps.
+    """The world with these numbers, float32; ``key`` draws the traffic's lanes and gaps.
 
-    Args:
-        settings: what a `Start` does not say, and the static number of vehicles.
-        start: its numbers.
-        key: of the start, as `draw` had it.
-        lanes: static number of lanes, at least ``start.lanes``.
-
-    Returns:
-        The world, float32; lanes and traffic that the start has fewer of are absent.
+    ``lanes`` is the static number of lanes, at least ``start.lanes``. Lanes and traffic that the
+    start has fewer of are absent.
     """
     _, lanes_key, spacing_key = jax.random.split(key, 3)
     front = jnp.asarray(start.front_distance, jnp.float32)

@@ -14,16 +14,9 @@ from lanewise.world.steering import slip_sine
 
 
 def command(world: World, acceleration: ArrayLike, steering: ArrayLike, vehicle: int = 0) -> World:
-    """Give an external vehicle its commands, to be kept until the next.
+    """Give an external vehicle, static, its commands, to be kept until the next.
 
-    Args:
-        world: one world.
-        acceleration: m/s^2.
-        steering: angle of the front wheels, rad, positive to the right.
-        vehicle: whose commands, static.
-
-    Returns:
-        The world with the commands stored.
+    The acceleration in m/s^2, and the angle of the front wheels in rad, positive to the right.
     """
     vehicles = world.vehicles
     dtype = vehicles.x.dtype
@@ -56,19 +49,11 @@ def _limited(world: World) -> tuple[Array, Array]:
 
 
 def move(world: World, trig: HeadingTrig, duration: ArrayLike) -> World:
-    """Move every present vehicle for one tick.
+    """Move every present vehicle for one tick, which spends its impact.
 
     Position moves with the old speed along heading + slip, then by the displacement of a
     predicted hit, which makes the vehicle crash; then heading += v sin(slip) / (L / 2) dt, then
-    speed += a dt.
-
-    Args:
-        world: one world.
-        trig: of its vehicles, before they move.
-        duration: of the tick, s.
-
-    Returns:
-        The world with vehicles moved and impacts spent.
+    speed += a dt. ``trig`` is from before the move.
     """
     vehicles, present = world.vehicles, world.vehicles.present
     slip, acceleration = _limited(world)

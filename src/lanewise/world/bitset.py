@@ -17,20 +17,12 @@ Bitset = tuple[Array, ...]
 
 
 def word_count(count: int) -> int:
-    """Bitset that a set of ``count`` possible members needs."""
+    """Words of a set of ``count`` possible members."""
     return -(-count // BITS)
 
 
 def single(member: Array, count: int) -> Bitset:
-    """The set of one member.
-
-    Args:
-        member: int, any shape; a member outside [0, count) gives an empty set.
-        count: number of possible members, static.
-
-    Returns:
-        Bitset of that shape.
-    """
+    """The set of one member, int of any shape; empty where it is outside [0, count)."""
     words = []
     for word in range(word_count(count)):
         shift = member - BITS * word
@@ -40,15 +32,7 @@ def single(member: Array, count: int) -> Bitset:
 
 
 def below(limit: Array, count: int) -> Bitset:
-    """The set of all members smaller than a limit.
-
-    Args:
-        limit: int, any shape.
-        count: number of possible members, static.
-
-    Returns:
-        Bitset of that shape.
-    """
+    """The set of all members smaller than a limit, int of any shape."""
     words = []
     for word in range(word_count(count)):
         shift = limit - BITS * word
@@ -58,15 +42,7 @@ def below(limit: Array, count: int) -> Bitset:
 
 
 def where(count: int, holds: Callable[[int], Array]) -> Bitset:
-    """The set of members for which something holds.
-
-    Args:
-        count: number of possible members, static.
-        holds: of a member; bool of any one shape.
-
-    Returns:
-        Bitset of that shape.
-    """
+    """The set of members for which something holds: bool of any one shape."""
     words = []
     for word in range(word_count(count)):
         members = range(BITS * word, min(BITS * (word + 1), count))

@@ -13,15 +13,7 @@ from lanewise.world.steering import slip_sine
 
 
 def padded(values: ArrayLike, maximum: int, fill: float = 0) -> Array:
-    """Extend [n] to [maximum].
-
-    Args:
-        values: [n].
-        maximum: static length wanted.
-        fill: value of the added elements.
-
-    Returns:
-        [maximum].
+    """Extend [n] to [maximum] with ``fill``.
 
     Raises:
         SettingsError: there are more values than that.
@@ -41,7 +33,7 @@ def make_drivers(
     missing_target_speed: bool = True,
     checks_collisions: bool = True,
 ) -> Drivers:
-    """Drivers from one `DriverSettings` per vehicle.
+    """Drivers from one `DriverSettings` and one kind per vehicle; [maximum].
 
     Args:
         settings: how each vehicle's driver drives.
@@ -51,9 +43,6 @@ def make_drivers(
         missing_target_speed: vehicles that are not rule-based seem to want to stop, as in
             highway-env; otherwise they seem to want their setting's target speed.
         checks_collisions: whether vehicles check their collisions.
-
-    Returns:
-        Arrays [maximum].
 
     Raises:
         SettingsError: settings and kinds differ in number, or exceed the maximum.
@@ -92,16 +81,7 @@ def make_drivers(
 
 
 def initial_timer(x: ArrayLike, y: ArrayLike, change_delay: ArrayLike = 1.0) -> Array:
-    """highway-env's start of the lane-change timer, (x + y) pi mod delay, s.
-
-    Args:
-        x: m, any shape.
-        y: m.
-        change_delay: s, positive.
-
-    Returns:
-        The same shape.
-    """
+    """highway-env's start of the lane-change timer, (x + y) pi mod delay, s; any shape."""
     return jnp.mod((jnp.asarray(x) + jnp.asarray(y)) * jnp.pi, jnp.asarray(change_delay))
 
 
@@ -115,7 +95,7 @@ def make_vehicles(
     timer: ArrayLike | None = None,
     dtype: DTypeLike = jnp.float32,
 ) -> Vehicles:
-    """Vehicles at rest in their commands: nothing commanded, nobody crashed.
+    """Vehicles at rest in their commands, [maximum]: nothing commanded, nobody crashed.
 
     Args:
         x: [n] m.
@@ -126,9 +106,6 @@ def make_vehicles(
         heading: [n] rad; along the road if none is given.
         timer: [n] s; zeros and a missing timer become `initial_timer` with a delay of 1 s.
         dtype: of the numbers.
-
-    Returns:
-        Arrays [maximum].
 
     Raises:
         SettingsError: more vehicles than the maximum.

@@ -1,8 +1,9 @@
 """Who hits whom: a quick test finds the few pairs worth the separating-axis test.
 
-``RoadObject.handle_collisions`` of highway-env. Of a pair, ``a`` is the vehicle earlier in the
-list. Rectangles that overlap crash now; rectangles that will overlap within
-a tick get an impact, which moves them and crashes them on the *next* tick.
+``RoadObject.handle_collisions``, ``_is_colliding`` and ``utils.are_polygons_intersecting`` of
+highway-env. Of a pair, ``a`` is the vehicle earlier in the list. Rectangles that overlap crash now;
+rectangles that will overlap within a tick get an impact, which moves them and crashes them on the
+*next* tick.
 """
 
 from dataclasses import replace
@@ -13,7 +14,6 @@ from jax import Array, lax
 from jax.typing import ArrayLike
 
 from lanewise.world import bitset, compaction
-from lanewise.world.boxes import Box, of_vehicles, overlap
 from lanewise.world.compaction import Selection
 from lanewise.world.materialize import materialize
 from lanewise.world.motion import HeadingTrig
@@ -25,6 +25,55 @@ SLACK = 1e-3
 """By this much, m, the quick test is more generous than the exact one, against rounding."""
 
 
+class Box(NamedTuple):
+    """A moving rectangle, arrays of one shape."""
+
+    x: Array
+    """Centre, m."""
+    y: Array
+    """m."""
+    cosine: Array
+    """Of the heading."""
+    sine: Array
+    """Of the heading."""
+    speed: Array
+    """m/s."""
+    half_length: Array
+    """m."""
+    half_width: Array
+    """m."""
+    half_diagonal: Array
+    """m."""
+
+
+class Overlap(NamedTuple):
+    """What a pair of boxes does."""
+
+    now: Array
+    """bool: they overlap."""
+    soon: Array
+    """bool: they will within the tick."""
+    x: Array
+    """The shortest way to move ``a`` out of ``b``, m; meaningful where ``soon``."""
+    y: Array
+    """m."""
+
+
+def boxes_of(world: World, trig: HeadingTrig) -> Box:
+    """Rectangles of all vehicles, [N]."""
+    vehicles, drivers = world.vehicles, world.drivers
+    return Box(
+        x=vehicles.x,
+        y=vehicles.y,
+        cosine=trig.cosine,
+        sine=trig.sine,
+        speed=vehicles.speed,
+        half_length=drivers.length / 2,
+        half_width=drivers.width / 2,
+        half_diagonal=jnp.sqrt(drivers.length**2 + drivers.width**2) / 2,
+    )
+
+
 def candidates(world: World, boxes: Box, duration: ArrayLike) -> bitset.Bitset:
     """The vehicles each vehicle must be tested against: a quick test that never misses a pair.
 
@@ -33,14 +82,6 @@ def candidates(world: World, boxes: Box, duration: ArrayLike) -> bitset.Bitset:
     + w + w' + (l' + |v'| dt) |sin turn|: along that normal the exact test finds it apart. Bounded
     by |dx| <= r + r' and |sin turn| <= |sin| + |sin'|, the right side falls into terms of one
     vehicle each and one product.
-
-    Args:
-        world: one world.
-        boxes: of its vehicles.
-        duration: of the tick, s.
-
-    Returns:
-        For each vehicle a set of vehicles, [N].
     """
     present, checks = world.vehicles.present, world.drivers.checks_collisions
     travel = jnp.abs(boxes.speed) * duration
@@ -62,6 +103,50 @@ def candidates(world: World, boxes: Box, duration: ArrayLike) -> bitset.Bitset:
     return bitset.without(met, bitset.single(numbered(present), count))
 
 
+def overlap(a: Box, b: Box, duration: ArrayLike) -> Overlap:
+    """Separating-axis test of two boxes, now and within one tick at constant velocity.
+
+    Along each normal n of both boxes, taken in the order back, right, front, left, ``a`` covers
+    [p - r_a, p + r_a] stretched by its relative displacement and ``b`` covers [-r_b, r_b]. The
+    normal with the least overlap is the way out, the first of equals. ``a`` is the earlier vehicle
+    of the pair; the shapes broadcast.
+    """
+    apart_x, apart_y = a.x - b.x, a.y - b.y
+    shift_x = (a.speed * a.cosine - b.speed * b.cosine) * duration
+    shift_y = (a.speed * a.sine - b.speed * b.sine) * duration
+    reach = a.half_diagonal + b.half_diagonal + a.speed * duration
+    near = jnp.sqrt(apart_x * apart_x + apart_y * apart_y) <= reach
+    cosine = jnp.abs(a.cosine * b.cosine + a.sine * b.sine)
+    sine = jnp.abs(a.cosine * b.sine - a.sine * b.cosine)
+
+    now, soon = near, near
+    least = jnp.full_like(apart_x, jnp.inf)
+    way_x, way_y = jnp.zeros_like(apart_x), jnp.zeros_like(apart_x)
+    for box, other in ((a, b), (b, a)):
+        along = box.half_length, other.half_length * cosine + other.half_width * sine
+        across = box.half_width, other.half_length * sine + other.half_width * cosine
+        for normal_x, normal_y, (own, foreign) in (
+            (-box.cosine, -box.sine, along),
+            (-box.sine, box.cosine, across),
+            (box.cosine, box.sine, along),
+            (box.sine, -box.cosine, across),
+        ):
+            radius_a, radius_b = (own, foreign) if box is a else (foreign, own)
+            centre = apart_x * normal_x + apart_y * normal_y
+            shift = shift_x * normal_x + shift_y * normal_y
+            low = centre - radius_a + jnp.minimum(shift, 0)
+            high = centre + radius_a + jnp.maximum(shift, 0)
+            depth = jnp.where(low < -radius_b, high + radius_b, radius_b - low)
+            now &= jnp.abs(centre) <= radius_a + radius_b
+            soon &= depth >= 0
+            shallower = jnp.abs(depth) < least
+            sign = jnp.where(centre > 0, 1, -1)
+            least = jnp.where(shallower, jnp.abs(depth), least)
+            way_x = jnp.where(shallower, sign * normal_x, way_x)
+            way_y = jnp.where(shallower, sign * normal_y, way_y)
+    return Overlap(now, soon, least * way_x, least * way_y)
+
+
 class CollisionState(NamedTuple):
     """What collisions do to each vehicle, arrays [N]."""
 
@@ -76,22 +161,14 @@ class CollisionState(NamedTuple):
 
 
 def resolve(world: World, trig: HeadingTrig, duration: ArrayLike) -> World:
-    """Crash vehicles that overlap and set impacts on those about to.
+    """Crash vehicles that overlap and set impacts on those about to; they have moved already.
 
     Each of a pair is moved by half the way out. Pairs come in list order and later ones
     overwrite, so of several impacts on a vehicle the one with the last other vehicle stays
     (`last-impact-wins`): every vehicle goes through its candidates in rising order.
-
-    Args:
-        world: one world, vehicles already moved.
-        trig: of its vehicles.
-        duration: of the tick, s.
-
-    Returns:
-        The world with `crashed` and impacts set.
     """
     vehicles = world.vehicles
-    boxes = materialize(vehicles.present, lambda: of_vehicles(world, trig))
+    boxes = materialize(vehicles.present, lambda: boxes_of(world, trig))
     met = materialize(vehicles.present, lambda: candidates(world, boxes, duration))
     before = CollisionState(
         vehicles.crashed, vehicles.impacted, vehicles.impact_x, vehicles.impact_y

@@ -70,7 +70,7 @@ class Selection:
 def masked_apply(
     mask: Array, otherwise: Tree, compute: Callable[[Selection], Tree], one_in: int
 ) -> Tree:
-    """Values computed for some vehicles.
+    """Values computed for the vehicles of a mask, [N, ...].
 
     Args:
         mask: bool [N, ...], which.
@@ -78,9 +78,6 @@ def masked_apply(
         compute: values of the chosen, arrays [K] in the structure of ``otherwise``.
         one_in: room is made for one vehicle in so many, static; where there are more, the rest
             follows in a second turn.
-
-    Returns:
-        Arrays in the shape of ``mask``.
     """
     worlds = mask.shape[1:]
     otherwise = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, mask.shape), otherwise)
@@ -134,14 +131,10 @@ def _in_turn(
 def _members(
     mask: Array, before: Array, per_world: Array, first: Array, count: int
 ) -> tuple[Array, Array]:
-    """Members ``first`` to ``first + count - 1`` of a mask, world by world: (vehicle, world).
+    """Members ``first`` to ``first + count - 1`` of a mask [N, worlds]: (vehicle, world).
 
-    Args:
-        mask: bool [N, worlds].
-        before: int32 [worlds], members in earlier worlds.
-        per_world: int32 [worlds], members.
-        first: int32 [].
-        count: static; numbers beyond the last member are those of any vehicle.
+    World by world; ``before`` and ``per_world`` are the members in earlier worlds and in each.
+    Numbers beyond the last member are those of any vehicle.
     """
     index = jnp.arange(mask.shape[1], dtype=jnp.int32)
     begins = jnp.maximum(before - first, 0)

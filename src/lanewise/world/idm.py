@@ -19,27 +19,14 @@ CHANGING_COMPACTION = 20
 
 
 def power(base: Array, exponent: Array) -> Array:
-    """Power base ** exponent for base >= 0 and exponent > 0, faster than the general one.
-
-    Args:
-        base: any shape.
-        exponent: broadcasts with it.
-
-    Returns:
-        exp(exponent * log(base)); 0 at base 0.
-    """
+    """exp(exponent * log(base)), for base >= 0 and exponent > 0 faster than the general power."""
     return jnp.exp(exponent * jnp.log(base))
 
 
 def free_road(drivers: Drivers, effort: Array) -> Array:
-    """Acceleration on an empty lane, a (1 - effort^delta), m/s^2.
+    """Acceleration on an empty lane, a (1 - effort^delta), m/s^2; [N].
 
-    Args:
-        drivers: whose a and delta are used, [N].
-        effort: [N] speed over target speed, of the vehicle that would accelerate.
-
-    Returns:
-        [N].
+    The effort is of the vehicle that would accelerate, a and delta are of ``drivers``.
     """
     return drivers.comfort_acceleration * (1 - power(effort, drivers.exponent))
 
@@ -48,46 +35,23 @@ def desired_gap(drivers: Drivers, speed: Array, closing_speed: Array) -> Array:
     """Distance a driver wants to a leader, s0 + v T + v dv / (2 sqrt(a b)), m.
 
     It is not floored: a leader that pulls away fast makes it negative (`unfloored-desired-gap`).
-
-    Args:
-        drivers: whose parameters are used, broadcasting with the speeds.
-        speed: v of the follower, m/s.
-        closing_speed: dv, along the follower's direction, m/s, positive when closing in.
-
-    Returns:
-        The broadcast shape.
+    The closing speed dv, m/s, is along the follower's direction and positive when closing in.
     """
     brake = 2 * jnp.sqrt(drivers.comfort_acceleration * drivers.comfort_deceleration)
     return drivers.jam_distance + speed * drivers.time_gap + speed * closing_speed / brake
 
 
 def interaction(drivers: Drivers, speed: Array, closing_speed: Array, gap: Array) -> Array:
-    """Deceleration because of a leader, a (desired gap / gap)^2, m/s^2.
+    """Deceleration because of a leader, a (desired gap / gap)^2, m/s^2, never negative; [N].
 
-    Args:
-        drivers: whose parameters are used, [N].
-        speed: [N] of the follower, m/s.
-        closing_speed: [N] m/s.
-        gap: [N] centre to centre along the lane, m.
-
-    Returns:
-        [N], never negative.
+    The gap is centre to centre along the lane, m.
     """
     ratio = desired_gap(drivers, speed, closing_speed) / not_zero(gap)
     return drivers.comfort_acceleration * ratio * ratio
 
 
 def following(world: World, motion: Motion, front: Front) -> Array:
-    """Deceleration of every vehicle because of its leader, 0 without one, m/s^2.
-
-    Args:
-        world: one world.
-        motion: its motion.
-        front: the leaders.
-
-    Returns:
-        [N].
-    """
+    """Deceleration of every vehicle because of its leader, 0 without one, m/s^2; [N]."""
     vehicles = world.vehicles
     leader_speed = front.velocity_x * motion.cosine + front.velocity_y * motion.sine
     braking = interaction(
@@ -97,15 +61,9 @@ def following(world: World, motion: Motion, front: Front) -> Array:
 
 
 def accelerate(world: World, motion: Motion, target_lane: Array) -> Array:
-    """Acceleration every rule-based driver commands; while changing, the smaller of two lanes'.
+    """Acceleration every rule-based driver commands, within its limit, m/s^2; [N].
 
-    Args:
-        world: one world.
-        motion: its motion.
-        target_lane: int32 [N], chosen in this tick.
-
-    Returns:
-        [N] clipped to each driver's limit, m/s^2.
+    While it changes lanes, to the target lane int32 [N] of this tick, the smaller of two lanes'.
     """
 
     def behind_both(observers: Observers) -> Array:

@@ -18,12 +18,7 @@ Tree = TypeVar("Tree")
 def materialize(present: Array, compute: Callable[[], Tree]) -> Tree:
     """What ``compute`` returns, computed once, however often it is used.
 
-    Args:
-        present: bool, any shape, which vehicles exist; where none does, the result is zeros.
-        compute: without arguments, returns arrays.
-
-    Returns:
-        Its result.
+    Where no vehicle is present the result is zeros.
     """
     if not on_cpu():
         # A conditional costs more than it saves there, and waits for the host.
@@ -43,14 +38,8 @@ def rounded(present: Array, compute: Callable[[], Array]) -> Array:
     """What ``compute`` returns, in float64 rounded before anything is added to it, as in NumPy.
 
     XLA adds a product without rounding it first, which is faster and all that float32 needs. To
-    decide as highway-env does at an edge takes its rounding (`top-speed-edge`).
-
-    Args:
-        present: bool, any shape, which vehicles exist; where none does, the result is zeros.
-        compute: without arguments, returns an array.
-
-    Returns:
-        Its result.
+    decide as highway-env does at an edge takes its rounding (`top-speed-edge`). Where no vehicle is
+    present the result is zeros.
     """
     exact = jax.eval_shape(compute).dtype == jnp.float64
     return materialize(present, compute) if exact else compute()

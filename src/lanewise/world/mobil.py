@@ -37,15 +37,7 @@ EARLY = tuple(
 
 
 def timer_slack(dtype: DTypeLike, duration: ArrayLike) -> Array | float:
-    """What is added to a delay so that sums in float32 pass it when those in float64 do, s.
-
-    Args:
-        dtype: of the timers.
-        duration: of a tick, s.
-
-    Returns:
-        A number; 0 in float64.
-    """
+    """What is added to a delay so that sums in float32 pass it when those in float64 do, s."""
     if dtype != jnp.float32:
         return 0.0
     with jax.ensure_compile_time_eval():  # A tick costs nothing more where its length is known.
@@ -55,17 +47,9 @@ def timer_slack(dtype: DTypeLike, duration: ArrayLike) -> Array | float:
 
 
 def due(world: World, motion: Motion, duration: ArrayLike) -> Array:
-    """Which drivers think about a lane change in this tick.
+    """Which drivers think about a lane change in this tick, bool [N].
 
     Those not changing already whose timer is strictly above their delay (`strict-timer`).
-
-    Args:
-        world: one world.
-        motion: its motion.
-        duration: of the tick, s.
-
-    Returns:
-        bool [N].
     """
     vehicles, drivers = world.vehicles, world.drivers
     slack = timer_slack(vehicles.timer.dtype, duration)
@@ -101,18 +85,9 @@ def _relief(world: World, motion: Motion, rear: Rear, front: Front) -> Array:
 
 
 def gain(world: World, motion: Motion, own: Pair, new: Pair) -> Array:
-    """What a lane change gains, a_me' - a_me + p (a_new' - a_new + a_old' - a_old), m/s^2.
+    """What a lane change gains, a_me' - a_me + p (a_new' - a_new + a_old' - a_old), m/s^2; [N].
 
     Primes are after the change. The free-road terms cancel and are left out.
-
-    Args:
-        world: one world.
-        motion: its motion.
-        own: neighbours on the own lane.
-        new: neighbours on the candidate lane.
-
-    Returns:
-        [N].
     """
     my_gain = idm.following(world, motion, own.front) - idm.following(world, motion, new.front)
     others_gain = _relief(world, motion, own.rear, own.front) - _relief(
@@ -126,15 +101,6 @@ def summed_gain(world: World, motion: Motion, own: Pair, new: Pair) -> Array:
 
     A rear vehicle that seems to want to stop has so large a term that little of the gain may be
     left (`cancelled-free-road-term`). Only in float64 can this be equal.
-
-    Args:
-        world: one world.
-        motion: its motion.
-        own: neighbours on the own lane.
-        new: neighbours on the candidate lane.
-
-    Returns:
-        [N].
     """
     drivers, present = world.drivers, world.vehicles.present
 
@@ -159,19 +125,10 @@ def summed_gain(world: World, motion: Motion, own: Pair, new: Pair) -> Array:
 
 
 def recommends(world: World, motion: Motion, own: Pair, new: Pair) -> Array:
-    """Whether MOBIL recommends each vehicle a change from its lane to another.
+    """Whether MOBIL recommends each vehicle a change to another lane, bool [N].
 
     The new rear vehicle must not brake harder than b_safe, and the `gain` must reach a_th. All
     accelerations are predicted with the decider's own parameters, unclipped.
-
-    Args:
-        world: one world.
-        motion: its motion.
-        own: neighbours on the own lane.
-        new: neighbours on the candidate lane.
-
-    Returns:
-        bool [N].
     """
     drivers = world.drivers
     imposed = idm.free_road(drivers, new.rear.effort) - _behind_me(world, motion, new.rear)
@@ -181,16 +138,7 @@ def recommends(world: World, motion: Motion, own: Pair, new: Pair) -> Array:
 
 
 def choose(world: World, motion: Motion, thinks: Array) -> Array:
-    """Target lane of every driver that may start a change now; others keep theirs.
-
-    Args:
-        world: one world.
-        motion: its motion.
-        thinks: bool [N], who is `due`.
-
-    Returns:
-        int32 [N].
-    """
+    """Target lane, int32 [N], of every driver that may start a change now; others keep theirs."""
     vehicles = world.vehicles
     moving = thinks & (jnp.abs(vehicles.speed) >= SLOWEST_CHANGE)
     reachable = materialize(
@@ -221,21 +169,13 @@ def _chosen_lane(world: World, motion: Motion, observers: Observers, reachable: 
 
 
 def aborts(world: World, motion: Motion, chosen: Array) -> Array:
-    """Which changes under way are given up because of a rival.
+    """Which changes under way are given up because of a rival, bool [N].
 
     A rival is another rule-based vehicle, outside the target lane, bound for it too, and ahead
     within the desired gap. Drivers decide in list order: driver i sees the new target of j < i and
     the old one of j > i, and a rival that has itself just given up is none any more. So ``abort``
     is the only fixed point of abort_i = sure_i or any_j<i (contest_ij and not abort_j), which
     iteration reaches in as many rounds as the longest chain, nearly always none.
-
-    Args:
-        world: one world.
-        motion: its motion.
-        chosen: int32 [N] targets after `choose`.
-
-    Returns:
-        bool [N].
     """
     vehicles, drivers = world.vehicles, world.drivers
     target, lane = vehicles.target_lane, motion.lane
@@ -310,16 +250,7 @@ def _rivals(world: World, motion: Motion, observers: Observers, chosen: Array) -
 
 
 def decide(world: World, motion: Motion, duration: ArrayLike) -> tuple[Array, Array]:
-    """Every rule-based driver's target lane, and the timers of those that thought about it.
-
-    Args:
-        world: one world.
-        motion: its motion.
-        duration: of the tick, s.
-
-    Returns:
-        Target lanes int32 [N] and timers [N], s.
-    """
+    """Every rule-based driver's target lane, int32 [N], and timer, s: 0 for those that thought."""
     thinks = due(world, motion, duration)
     chosen = choose(world, motion, thinks)
     target = jnp.where(aborts(world, motion, chosen), motion.lane, chosen)

@@ -9,9 +9,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from lanewise.world import road as roads
-from lanewise.world.indexing import select_by_index
 from lanewise.world.materialize import materialize
-from lanewise.world.state import RULE_BASED, Vehicles, World
+from lanewise.world.state import RULE_BASED, Vehicles, World, select_by_index
 
 SMALLEST = 1e-2
 """`not_zero` keeps numbers at least this far from zero."""
@@ -54,12 +53,6 @@ def not_zero(value: Array) -> Array:
     """``value`` where its size exceeds 0.01, else plus or minus 0.01 (plus at zero).
 
     ``highway_env.utils.not_zero``.
-
-    Args:
-        value: any shape.
-
-    Returns:
-        The same shape.
     """
     substitute = jnp.where(value >= 0, SMALLEST, -SMALLEST)
     return jnp.where(jnp.abs(value) > SMALLEST, value, substitute.astype(value.dtype))
@@ -76,13 +69,6 @@ def observe(world: World, trig: HeadingTrig) -> Motion:
     """Derive what a tick needs to know of every vehicle.
 
     The effort is max(speed, 0) / |not_zero(clip(target speed, 0, limit of the own lane))|.
-
-    Args:
-        world: one world.
-        trig: of its vehicles.
-
-    Returns:
-        Its motion.
     """
     vehicles, drivers = world.vehicles, world.drivers
     lane = roads.closest_lane(world.road, vehicles.x, vehicles.y)

@@ -57,15 +57,7 @@ class Pair(NamedTuple):
 def front(world: World, motion: Motion, observers: Observers, lane: Array) -> Front:
     """The vehicle ahead of each vehicle of some observers, on a lane.
 
-    Args:
-        world: everyone.
-        motion: everyone's.
-        observers: who looks.
-        lane: int32 [Q] or [L, Q], the lane each looks at, or several; outside the road nobody is
-            found.
-
-    Returns:
-        Arrays in the shape of ``lane``.
+    Each looks at one lane, int32 [Q], or at several, [L, Q]; outside the road nobody is found.
     """
     vehicles, count = world.vehicles, world.vehicles.x.shape[0]
     found = materialize(vehicles.present, lambda: _ahead(observers, lane))
@@ -78,18 +70,7 @@ def front(world: World, motion: Motion, observers: Observers, lane: Array) -> Fr
 
 
 def rear(world: World, motion: Motion, observers: Observers, lane: Array) -> Rear:
-    """The vehicle behind each vehicle of some observers, on a lane.
-
-    Args:
-        world: everyone.
-        motion: everyone's.
-        observers: who looks.
-        lane: int32 [Q] or [L, Q], the lane each looks at, or several; outside the road nobody is
-            found.
-
-    Returns:
-        Arrays in the shape of ``lane``.
-    """
+    """The vehicle behind each vehicle of some observers, on a lane; as `front`."""
     vehicles, count = world.vehicles, world.vehicles.x.shape[0]
     found = materialize(vehicles.present, lambda: _behind(observers, lane))
     return Rear(

@@ -12,10 +12,9 @@ from jax import Array
 
 from lanewise.world import compaction
 from lanewise.world.compaction import Selection
-from lanewise.world.indexing import select_by_index
 from lanewise.world.materialize import materialize
 from lanewise.world.motion import Motion
-from lanewise.world.state import World, numbered
+from lanewise.world.state import World, numbered, select_by_index
 
 Tree = TypeVar("Tree")
 
@@ -74,19 +73,7 @@ def masked_apply(
     compute: Callable[[Observers], Tree],
     one_in: int,
 ) -> Tree:
-    """`compaction.masked_apply` for what the selected vehicles observe.
-
-    Args:
-        world: one world.
-        motion: its motion.
-        mask: bool [N, ...], which vehicles.
-        otherwise: arrays [N, ...], the values of all others.
-        compute: values of the selected, arrays [Q] in the structure of ``otherwise``.
-        one_in: room is made for one vehicle in so many, static.
-
-    Returns:
-        Arrays in the shape of ``mask``.
-    """
+    """`compaction.masked_apply` for what the selected vehicles observe."""
     return compaction.masked_apply(
         mask, otherwise, lambda chosen: compute(_selected(world, motion, chosen)), one_in
     )

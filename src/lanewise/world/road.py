@@ -4,9 +4,8 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike, DTypeLike
 
-from lanewise.world.indexing import select_by_index
 from lanewise.world.settings import FARTHEST
-from lanewise.world.state import Road
+from lanewise.world.state import Road, select_by_index
 
 END_MARGIN = 5.0
 """A vehicle counts as on a lane up to this far beyond either end, m."""
@@ -35,9 +34,6 @@ def straight_road(
         lanes_max: static number of lanes of the arrays; absent lanes fill the rest.
         length: of every lane from x = 0 on, m; None: `FARTHEST` m both ways.
         dtype: of the numbers.
-
-    Returns:
-        A road with arrays [lanes_max].
     """
     size = int(lanes) if lanes_max is None else lanes_max
     index = jnp.arange(size)
@@ -58,18 +54,10 @@ def straight_road(
 
 
 def closest_lane(road: Road, x: Array, y: Array) -> Array:
-    """The lane nearest to each position, the first of equals.
+    """The lane nearest to each position, the first of equals; int32 [N].
 
     The distance is |y - centre| plus the overshoot beyond either end (``AbstractLane.distance``).
     highway-env adds the angle to the lane; on a straight road it is the same for all lanes.
-
-    Args:
-        road: the road.
-        x: [N] m.
-        y: [N] m.
-
-    Returns:
-        int32 [N].
     """
     lane = jnp.zeros(x.shape, jnp.int32)
     nearest = jnp.full(x.shape, jnp.inf, x.dtype)
@@ -83,46 +71,23 @@ def closest_lane(road: Road, x: Array, y: Array) -> Array:
 
 
 def lateral_offset(road: Road, lane: Array, y: Array) -> Array:
-    """Distance of each vehicle from the centre line of a lane, positive to the right, m.
-
-    Args:
-        road: the road.
-        lane: int [N].
-        y: [N] m.
-
-    Returns:
-        [N].
-    """
+    """Distance of each vehicle from the centre line of a lane, positive to the right, m; [N]."""
     return y - select_by_index(road.centre, lane)
 
 
 def lane_bit(lane: Array) -> Array:
-    """A lane as one bit of an integer, 0 for a lane outside the road, to be looked up in a set.
+    """A lane as one bit of an int32, 0 for a lane outside the road, to be looked up in a set.
 
-    The sets hold only lanes that exist.
-
-    Args:
-        lane: int of any shape; -1 is left of the road, and nobody is right of lane 30.
-
-    Returns:
-        int32 of that shape.
+    The sets hold only lanes that exist: -1 is left of the road, and nobody is right of lane 30.
     """
     return jnp.where(lane >= 0, jnp.int32(1) << jnp.maximum(lane, 0).astype(jnp.int32), 0)
 
 
 def occupied_lanes(road: Road, x: Array, y: Array) -> Array:
-    """The lanes each vehicle is a neighbour on, as a set of `lane_bit`.
+    """The lanes each vehicle is a neighbour on, as a set of `lane_bit`, int32 [N].
 
     A vehicle between two lanes is on both: |lateral| <= width / 2 + 1 m and within 5 m of the
     lane's ends (``AbstractLane.on_lane`` with margin 1).
-
-    Args:
-        road: the road.
-        x: [N] m.
-        y: [N] m.
-
-    Returns:
-        int32 [N].
     """
     lanes = jnp.zeros(x.shape, jnp.int32)
     for index in range(road.centre.shape[0]):
@@ -140,18 +105,10 @@ def occupied_lanes(road: Road, x: Array, y: Array) -> Array:
 
 
 def reachable_lanes(road: Road, x: Array, y: Array) -> Array:
-    """The lanes each vehicle may change into from where it is, as a set of `lane_bit`.
+    """The lanes each vehicle may change into from where it is, as a set of `lane_bit`, int32 [N].
 
     ``AbstractLane.is_reachable_from``: open to change, |lateral| <= 2 widths, 0 <= along < length
     + 5 m.
-
-    Args:
-        road: the road.
-        x: [N] m.
-        y: [N] m.
-
-    Returns:
-        int32 [N].
     """
     lanes = jnp.zeros(x.shape, jnp.int32)
     for index in range(road.centre.shape[0]):

@@ -132,9 +132,17 @@ class World:
 
 
 def numbered(values: Array) -> Array:
-    """The number of each vehicle, int32 [N, 1, ...], to be compared with arrays like ``values``.
-
-    Args:
-        values: [N, ...].
-    """
+    """The number of each vehicle, int32 [N, 1, ...], to be compared with arrays [N, ...]."""
     return jnp.arange(values.shape[0]).reshape(-1, *(1,) * (values.ndim - 1))
+
+
+def select_by_index(values: Array, wanted: Array) -> Array:
+    """``values[wanted]``, [Q, ...], of arrays [K, ...]; any of them where that is no index.
+
+    By elementwise selection, as vehicles and lanes are few. A gather is slower on a CPU, and keeps
+    XLA from using vector instructions in all that is computed from it.
+    """
+    result = jnp.broadcast_to(values[0], wanted.shape)
+    for index in range(1, values.shape[0]):
+        result = jnp.where(wanted == index, values[index], result)
+    return result

@@ -24,14 +24,7 @@ ARCSINE = tuple(comb(2 * k, k) / (4**k * (2 * k + 1)) for k in range(18))
 
 
 def slip_sine(steering: Array) -> Array:
-    """Sine of the slip angle of a steering angle, sin(atan(tan(steering) / 2)).
-
-    Args:
-        steering: rad, any shape, within plus or minus pi/2.
-
-    Returns:
-        The same shape.
-    """
+    """Sine of the slip angle of a steering angle within pi/2, rad: sin(atan(tan(steering) / 2))."""
     half_tangent = jnp.tan(steering) / 2
     return half_tangent / jnp.sqrt(1 + half_tangent * half_tangent)
 
@@ -46,12 +39,6 @@ def arcsine(sine: Array) -> Array:
 
     asin(s) = 2 asin(h) with the sine h = s / sqrt(2 (1 + sqrt(1 - s^2))) of half the angle, whose
     Taylor series ends below the rounding of float64: h^2 is at most 0.15.
-
-    Args:
-        sine: any shape.
-
-    Returns:
-        The same shape, rad.
     """
     half = sine / jnp.sqrt(2 * (1 + jnp.sqrt(1 - sine * sine)))
     square = half * half
@@ -62,29 +49,15 @@ def arcsine(sine: Array) -> Array:
 
 
 def wrapped(angle: Array) -> Array:
-    """An angle brought into [-pi, pi), rad.
-
-    Args:
-        angle: any shape.
-
-    Returns:
-        The same shape.
-    """
+    """An angle brought into [-pi, pi), rad; any shape."""
     return angle - 2 * jnp.pi * jnp.floor((angle + jnp.pi) / (2 * jnp.pi))
 
 
 def keep_lane(world: World, target_lane: Array) -> Array:
-    """Sine of the slip angle with which every vehicle steers to the centre of its target lane.
+    """Sine of the slip angle, [N], with which vehicles steer to the centres of their target lanes.
 
     sin(reference) = clip(-k_y offset / v, sin 45 deg); sin(slip) = clip(L / (2 v) k_psi
     wrap(reference - heading)), limited by the steering limit.
-
-    Args:
-        world: one world.
-        target_lane: int32 [N].
-
-    Returns:
-        [N].
     """
     vehicles = world.vehicles
     speed = not_zero(vehicles.speed)

@@ -23,15 +23,7 @@ CACHED = 4096
 
 
 def tick(world: World, duration: ArrayLike) -> World:
-    """Advance one world by one simulation step.
-
-    Args:
-        world: one world.
-        duration: of the step, s.
-
-    Returns:
-        The world a step later.
-    """
+    """Advance one world by one simulation step, s."""
     return step(world, motion.heading_trig(world.vehicles), duration)[0]
 
 
@@ -46,16 +38,7 @@ def step(world: World, trig: HeadingTrig, duration: ArrayLike) -> tuple[World, H
 
 
 def act(world: World, seen: Motion, duration: ArrayLike) -> World:
-    """Let every rule-based driver choose a lane, a steering and an acceleration.
-
-    Args:
-        world: one world.
-        seen: its motion.
-        duration: of the tick, s.
-
-    Returns:
-        The world with commands, target lanes and timers set; nobody has moved yet.
-    """
+    """Let every rule-based driver choose a lane, a steering and an acceleration; nobody moves."""
     vehicles = world.vehicles
 
     def decided() -> dict[str, Array]:
@@ -73,15 +56,7 @@ def act(world: World, seen: Motion, duration: ArrayLike) -> World:
 
 
 def wait(world: World, duration: ArrayLike) -> World:
-    """Advance the lane-change timers of rule-based drivers, crashed ones included.
-
-    Args:
-        world: one world.
-        duration: of the step, s.
-
-    Returns:
-        The world with later timers.
-    """
+    """Advance the lane-change timers of rule-based drivers, crashed ones included."""
     vehicles = world.vehicles
     waits = vehicles.present & (world.drivers.kind == RULE_BASED)
     timer = jnp.where(waits, vehicles.timer + duration, vehicles.timer)
@@ -89,17 +64,9 @@ def wait(world: World, duration: ArrayLike) -> World:
 
 
 def run(world: World, duration: float, count: int) -> World:
-    """Advance one world by several ticks without new commands from outside.
+    """Advance one world by ``count`` ticks, static, without new commands from outside.
 
     Batched with ``jax.vmap``, the worlds lie along the last axis meanwhile (see `state`).
-
-    Args:
-        world: one world.
-        duration: of each tick, s, static.
-        count: how many, static.
-
-    Returns:
-        The world ``count`` ticks later.
     """
 
     @custom_vmap
@@ -131,11 +98,7 @@ def _in_blocks(
 ) -> Vehicles:
     """Advance worlds a block at a time, so small that what a tick computes stays in the cache.
 
-    Args:
-        advance: so many worlds, along the first axis of the leaves that are batched.
-        worlds: all of them.
-        batched: which leaves are.
-        size: number of worlds.
+    ``advance`` takes worlds along the first axis of those leaves that ``batched`` names.
     """
     vehicles = worlds.vehicles.present.shape[1 if batched.vehicles.present else 0]
     most = max(1, CACHED // vehicles)

@@ -1,18 +1,19 @@
-"""A search over the nine actions, with the world itself as its model: how good can it get?
+"""Reference drivers, which need no training: the rules of the traffic, and a search.
 
-A reference that needs no training and knows what no driver knows: how everybody will drive. At an
-episode's start it plans all of it by beam search, then carries the plan out. What it finds is a
+`RuleBased` is IDM along the road and MOBIL across it, as all traffic drives. `Search` knows what no
+driver knows: how everybody will drive. At an episode's start it plans all of it by beam search over
+the nine actions, with the world itself as its model, then carries the plan out. What it finds is a
 real drive, so the best possible one is at least as good; how much better is not known.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from lanewise.controllers.controller import Feedback
+from lanewise.controllers.controller import WithoutGoals
 from lanewise.controllers.settings import SearchSettings
 from lanewise.driving import actions, episode, observation
 from lanewise.driving.episode import Episode
@@ -32,6 +33,27 @@ CELL = (1.0, 0.2, 0.02, 0.5)
 """States this near in x (m), y (m), heading (rad) and speed (m/s) count as the same."""
 _CELLS = (1024, 128, 128, 64)
 """Cells along each of them; together they fit in 31 bits."""
+
+
+@dataclass(frozen=True)
+class RuleBased(WithoutGoals):
+    """Nothing to decide: the world itself drives the ego (`TrapSettings.ego_driver`)."""
+
+    name: str = "rule-based"
+    levels: tuple[()] = ()
+
+    @classmethod
+    def from_settings(cls, settings: Any, *, name: str, renewal: str, observed: int) -> Self:
+        """See `registry.make`."""
+        return cls()
+
+    def start(self, percept: Percept) -> tuple[()]:
+        """Nothing to remember."""
+        return ()
+
+    def act(self, memory: tuple[()], percept: Percept) -> tuple[Array, tuple[()]]:
+        """No command; a rule-based vehicle would not heed one."""
+        return jnp.int32(actions.IDLE), memory
 
 
 @jax.tree_util.register_dataclass
@@ -59,7 +81,7 @@ class Beam:
 
 
 @dataclass(frozen=True)
-class Search:
+class Search(WithoutGoals):
     """Plans by beam search, the best of each class of states kept."""
 
     driving: DrivingSettings
@@ -70,35 +92,20 @@ class Search:
     levels: tuple[()] = ()
 
     @classmethod
-    def from_settings(cls, settings: Any, *, name: str, renewal: str, observed: int) -> "Search":
-        """Makes it from a run's settings, see `lanewise.controllers.registry.make`."""
+    def from_settings(cls, settings: Any, *, name: str, renewal: str, observed: int) -> Self:
+        """See `registry.make`."""
         duration = settings.driving.decisions_in(settings.evaluation.duration)
         return cls(settings.driving, settings.search, duration)
 
     def start(self, percept: Percept) -> Plan:
-        """The whole plan.
-
-        Raises:
-            ValueError: the percept shows no traffic.
-        """
+        """The whole plan; a `ValueError` if the percept shows no traffic."""
         if percept.world is None:
             raise ValueError("the search needs a privileged percept")
         return Plan(actions=plan(self, percept.world), next=jnp.int32(0))
 
-    def perceive(self, memory: Plan, percept: Percept) -> Plan:
-        """Nothing: all was foreseen."""
-        return memory
-
     def act(self, memory: Plan, percept: Percept) -> tuple[Array, Plan]:
         """The next action of the plan."""
         return memory.actions[memory.next], replace(memory, next=memory.next + 1)
-
-    def feedback(self, memory: Plan, percept: Percept) -> Feedback:
-        """No goal, no distance from it."""
-        return Feedback(distance=jnp.zeros_like(percept.speed), reached=jnp.asarray(False))
-
-    def goal(self, memory: Plan) -> None:
-        """It has none."""
 
 
 def plan(settings: Search, world: World) -> Array:
