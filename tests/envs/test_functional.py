@@ -9,19 +9,28 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import lanewise  # noqa: F401  # tells Gymnasium of the environments
 from lanewise.driving.episode import Outcome
 from lanewise.driving.task_functions import TaskFunctions
-from lanewise.envs import functional, rows
-from lanewise.errors import SettingsError
+from lanewise.envs import functional, spaces
+from lanewise.errors import LanewiseError, SettingsError
 from lanewise.scenario import trap
 
-TASK = functional.make(duration=6.0)
+SETTINGS = {"duration": 8.0, "vehicles_ahead": 1}
+TASK = functional.make(**SETTINGS)
+AFTER_STEP = jax.jit(functional.after_step, static_argnums=0)
 
 
-def test_the_same_as_the_environment():
-    env = gymnasium.make("lanewise/Trap-v0", duration=6.0)
+@pytest.fixture(scope="module")
+def begun():
+    return functional.reset(TASK, trap.start_key(3, "training", 0))
+
+
+@pytest.mark.slow
+def test_the_same_as_the_environment(begun):
+    env = gymnasium.make("lanewise/Trap-v0", **SETTINGS)
     seen, _ = env.reset(seed=3)
-    state, shown = functional.reset(TASK, trap.start_key(3, "training", 0))
+    state, shown = begun
     assert np.array_equal(seen, shown.observation)
     for action in (4, 7, 7, 5, 3, 4):
         seen, reward, terminated, truncated, info = env.step(action)
@@ -30,6 +39,35 @@ def test_the_same_as_the_environment():
         assert reward == pytest.approx(float(shown.reward), abs=1e-6)
         assert (terminated, truncated) == (bool(shown.terminated), bool(shown.truncated))
         assert info["timestep_reward"] == pytest.approx(float(shown.timestep_reward), abs=1e-6)
+
+
+@pytest.mark.parametrize("crashed", [False, True])
+def test_a_crash_after_the_escape_leaves_the_papers_success_and_takes_ours(begun, crashed):
+    state, shown = begun
+    assert not shown.escaped
+    ended = jnp.bool_(crashed)
+    outcome = Outcome(jnp.float32(0.0), jnp.int32(crashed), ended, jnp.bool_(False))
+    stats = replace(state.episode.stats, escape_decision=jnp.int32(1), outcome=outcome)
+    past = replace(state.episode, stats=stats)
+    _, shown = AFTER_STEP(TASK, past, state.memory, outcome.reward)
+    facts = spaces.unpack(spaces.pack(shown))[1]
+    assert (facts["escaped"], facts["is_success"]) == (True, not crashed)
+
+
+@pytest.mark.parametrize(
+    ("kind", "actions"),
+    [("low-level", [1.5, True, 4j, [4]]), ("continuous", [0.5, [True, True], [1j, 0.0]])],
+)
+def test_a_compiled_step_refuses_what_is_of_another_kind(begun, kind, actions):
+    task = functional.make(kind, **SETTINGS)
+    for action in actions:
+        with pytest.raises(LanewiseError, match="action must be"):
+            functional.step(task, begun[0], np.asarray(action))
+
+
+def test_mistakes():
+    with pytest.raises(SettingsError, match="did you mean low-level"):
+        functional.make("low-levl")
 
 
 @pytest.mark.slow
@@ -60,20 +98,6 @@ def test_a_whole_loop_in_one_compiled_call():
     assert (decisions[~done] > 0).all()
 
 
-def test_a_crash_after_the_escape_leaves_the_papers_success_and_takes_ours():
-    world = trap.sample(TASK.scenario, jax.random.key(0), "test")
-    state, shown = functional.start(TASK, world)
-    assert not shown.escaped
-    for crashed in (False, True):
-        ended = jnp.bool_(crashed)
-        outcome = Outcome(jnp.float32(0.0), jnp.int32(crashed), ended, jnp.bool_(False))
-        stats = replace(state.episode.stats, escape_decision=jnp.int32(1), outcome=outcome)
-        past = replace(state.episode, stats=stats)
-        _, shown = functional.after_step(TASK, past, state.memory, outcome.reward)
-        facts = rows.unpack(rows.pack(shown))[1]
-        assert (facts["escaped"], facts["is_success"]) == (True, not crashed)
-
-
 def fast(settings, world, steering, accident):
     return jnp.where(accident, -1.0, world.vehicles.speed[0] / 10.0)
 
@@ -95,20 +119,15 @@ def with_a_faster_trap(scenario, key, split):
 @pytest.mark.slow
 def test_parts_of_the_user_s_own():
     task = TaskFunctions(with_a_faster_trap, lanes_and_speed, fast, in_the_right_lane)
-    env = gymnasium.make("lanewise/Trap-v0", task=task)
+    env = gymnasium.make("lanewise/Trap-v0", task=task, **SETTINGS)
     assert env.observation_space.shape == (2,)
     seen, _ = env.reset(seed=0)
     assert seen.tolist() == [0.0, 10.0]
     seen, reward, *_, info = env.step(4)
     assert reward == pytest.approx(1.0)
     assert not info["is_success"]
-    many = gymnasium.make_vec("lanewise/Trap-v0", 3, task=task)
+    many = gymnasium.make_vec("lanewise/Trap-v0", 3, task=task, **SETTINGS)
     assert many.reset(seed=0)[0].shape == (3, 2)
     for _ in range(5):
         _, reward, *_ = many.step([4, 4, 4])
     assert np.allclose(reward, 1.0)  # nobody is in the way
-
-
-def test_mistakes():
-    with pytest.raises(SettingsError, match="did you mean low-level"):
-        functional.make("low-levl")

@@ -13,9 +13,9 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 import lanewise  # noqa: F401  # tells Gymnasium of the environments
 from lanewise.errors import LanewiseError, SettingsError
 
-COUNT, STEPS, SEED = 6, 90, 11
-SETTINGS = {"duration": 8.0}
-"""The same in most tests, so that they share compiled programs."""
+COUNT, STEPS, SEED = 6, 60, 11
+SETTINGS = {"duration": 8.0, "vehicles_ahead": 1}
+"""Everywhere, so that tests share compiled programs, and these are small."""
 IDS = ("lanewise/Trap-v0", "lanewise/TrapGoal-v0", "lanewise/TrapContinuous-v0")
 QUICK = (IDS[0], AutoresetMode.NEXT_STEP)
 """Compared by default; the others are in the slow tests."""
@@ -54,7 +54,7 @@ def alike(ours, theirs, place=""):
     ],
 )
 def test_equal_to_a_loop_of_single_ones(name, mode):
-    compare_with_a_loop(name, mode, SETTINGS)
+    assert compare_with_a_loop(name, mode) > COUNT
 
 
 @pytest.mark.parametrize(
@@ -66,13 +66,18 @@ def test_equal_to_a_loop_of_single_ones(name, mode):
     ],
 )
 def test_a_limit_of_steps_is_that_of_single_ones(mode):
-    assert compare_with_a_loop(IDS[0], mode, SETTINGS | {"max_episode_steps": 5}) > 60
+    assert compare_with_a_loop(IDS[0], mode, steps=30, max_episode_steps=5) > 20
 
 
-def compare_with_a_loop(name, mode, settings):
+def make(count=COUNT, name=IDS[0], **settings):
+    return gymnasium.make_vec(name, count, **SETTINGS | settings)
+
+
+def compare_with_a_loop(name, mode, steps=STEPS, **limit):
     """Step by step; how many episodes ended."""
-    ours = gymnasium.make_vec(name, COUNT, autoreset_mode=mode, **settings)
-    theirs = SyncVectorEnv([lambda: gymnasium.make(name, **settings)] * COUNT, autoreset_mode=mode)
+    ours = make(name=name, autoreset_mode=mode, **limit)
+    one = lambda: gymnasium.make(name, **SETTINGS | limit)  # noqa: E731
+    theirs = SyncVectorEnv([one] * COUNT, autoreset_mode=mode)
     assert ours.observation_space == theirs.observation_space
     assert ours.action_space == theirs.action_space
     assert ours.metadata["autoreset_mode"] is theirs.metadata["autoreset_mode"] is mode
@@ -80,7 +85,7 @@ def compare_with_a_loop(name, mode, settings):
         alike(ours_now, theirs_now)
     ours.action_space.seed(1)
     ended = 0
-    for _ in range(STEPS):
+    for _ in range(steps):
         actions = ours.action_space.sample()
         ours_now, theirs_now = ours.step(actions), theirs.step(actions)
         for one, other in zip(ours_now, theirs_now, strict=True):
@@ -88,10 +93,11 @@ def compare_with_a_loop(name, mode, settings):
         done = ours_now[2] | ours_now[3]
         ended += done.sum()
         if mode is AutoresetMode.DISABLED and done.any():
+            with pytest.raises(ResetNeeded, match="reset_mask"):
+                ours.step(actions)
             again = [each.reset(options={"reset_mask": done.copy()}) for each in (ours, theirs)]
             alike(again[0][0], again[1][0])
             alike({k: v[done] for k, v in again[0][1].items()}, _where(again[1][1], done))
-    assert ended > COUNT
     return ended
 
 
@@ -103,7 +109,7 @@ def _where(info, done):
 def test_no_transition_crosses_an_episode():
     """Of a buffer filled as learners fill it: the next observation is the episode's own."""
     mode = AutoresetMode.SAME_STEP
-    env = gymnasium.make_vec("lanewise/Trap-v0", COUNT, autoreset_mode=mode, **SETTINGS)
+    env = make(autoreset_mode=mode)
     seen, info = env.reset(seed=0)
     env.action_space.seed(0)
     buffer, starts = [], info["start"]
@@ -123,7 +129,7 @@ def test_no_transition_crosses_an_episode():
 
 
 def test_gymnasium_s_wrappers():
-    env = RecordEpisodeStatistics(gymnasium.make_vec("lanewise/Trap-v0", COUNT, **SETTINGS))
+    env = RecordEpisodeStatistics(make())
     env.reset(seed=0)
     env.action_space.seed(0)
     for _ in range(60):
@@ -134,7 +140,7 @@ def test_gymnasium_s_wrappers():
 
 @pytest.mark.parametrize("count", [COUNT, pytest.param(1000, marks=pytest.mark.slow)])
 def test_twice_the_same(count):
-    env = gymnasium.make_vec("lanewise/Trap-v0", count, **SETTINGS)
+    env = make(count)
     first = env.reset(seed=4)[0]
     actions = np.random.default_rng(0).integers(0, 9, (30, count))
     one = [env.step(action)[0] for action in actions]
@@ -144,17 +150,19 @@ def test_twice_the_same(count):
     assert np.array_equal(one, two)
 
 
-def test_pictures():
-    env = gymnasium.make_vec("lanewise/Trap-v0", COUNT, render_mode="rgb_array", **SETTINGS)
+def test_pictures_need_a_mode_and_an_episode():
+    assert make().render() is None
+    env = make(render_mode="rgb_array")
+    with pytest.raises(ResetNeeded, match=r"nothing to render: call reset\(\) first"):
+        env.render()
     env.reset(seed=0)
     one, other, *_ = env.render()
     assert one.shape == other.shape == (240, 960, 3)
     assert not np.array_equal(one, other)
 
 
-@pytest.mark.parametrize("count", [np.int64(2), np.array([2])[0]])
-def test_numbers_may_be_of_numpy(count):
-    env = gymnasium.make_vec("lanewise/Trap-v0", count, trap_speed=np.float32(9.0))
+def test_numbers_may_be_of_numpy():
+    env = make(np.array([2])[0], trap_speed=np.float32(9.0))
     assert (type(env.num_envs), env.num_envs, env.config.scenario.trap_speed) == (int, 2, 9.0)
 
 
@@ -166,15 +174,17 @@ def test_numbers_may_be_of_numpy(count):
         ({"num_envs": 2.0}, "num_envs: expected a whole number, got 2.0"),
         ({"max_episode_steps": 0}, "max_episode_steps must be between 1 and 2147483647, got 0"),
         ({"max_episode_steps": 2.5}, "max_episode_steps: expected a whole number, got 2.5"),
+        ({"autoreset_mode": "sometimes"}, 'unknown autoreset_mode "sometimes"; known: NextStep'),
+        ({"actions": "goal"}, "actions: each kind has an id of its own"),
     ],
 )
-def test_numbers_of_worlds_and_steps_that_make_no_sense(given, says):
+def test_settings_that_make_no_sense(given, says):
     with pytest.raises(SettingsError, match=says):
         gymnasium.make_vec("lanewise/Trap-v0", **given)
 
 
 def test_a_closed_environment_says_so():
-    env = gymnasium.make_vec("lanewise/Trap-v0", COUNT, render_mode="rgb_array", **SETTINGS)
+    env = make(render_mode="rgb_array")
     env.reset(seed=0)
     for _ in range(2):
         env.close()
@@ -187,7 +197,7 @@ def test_a_closed_environment_says_so():
     "again", [copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
 )
 def test_a_copy_goes_its_own_way(again):
-    env = gymnasium.make_vec("lanewise/Trap-v0", COUNT, max_episode_steps=4, **SETTINGS)
+    env = make(max_episode_steps=4)
     env.reset(seed=1)
     env.step([4] * COUNT)
     other = again(env)
@@ -202,39 +212,20 @@ def test_a_copy_goes_its_own_way(again):
 
 
 def test_mistakes():
-    env = gymnasium.make_vec("lanewise/Trap-v0", COUNT, autoreset_mode="Disabled", **SETTINGS)
-    idle = [4] * COUNT
+    env, idle = make(autoreset_mode="Disabled"), [4] * COUNT
     with pytest.raises(ResetNeeded):
         env.step(idle)
     with pytest.raises(ResetNeeded, match="all environments"):
         env.reset(seed=5, options={"reset_mask": np.arange(COUNT) == 0})
     env.reset(seed=list(range(5, 5 + COUNT)))
-    for wrong in (idle[1:], [*idle[1:], 9], np.linspace(0.5, 3.0, COUNT)):
-        with pytest.raises(ValueError, match=f"actions must be {COUNT} of"):
-            env.step(wrong)
-    with pytest.raises(SettingsError, match='unknown autoreset_mode "sometimes"; known: NextStep'):
-        gymnasium.make_vec("lanewise/Trap-v0", 3, autoreset_mode="sometimes")
-    with pytest.raises(SettingsError, match="actions: each kind has an id of its own"):
-        gymnasium.make_vec("lanewise/Trap-v0", 3, actions="goal")
-    truncated = [env.step(idle)[3] for _ in range(16)]
-    assert truncated[-1].all()
-    with pytest.raises(ResetNeeded, match="reset_mask"):
-        env.step(idle)
-    with pytest.raises(ValueError, match="at least one"):
-        env.reset(options={"reset_mask": np.zeros(COUNT, bool)})
-
-
-def test_pictures_need_a_mode_and_an_episode():
-    assert gymnasium.make_vec("lanewise/Trap-v0", 2).render() is None
-    env = gymnasium.make_vec("lanewise/Trap-v0", 2, render_mode="rgb_array")
-    with pytest.raises(ResetNeeded, match=r"nothing to render: call reset\(\) first"):
-        env.render()
+    with pytest.raises(ValueError, match=f"actions must be {COUNT} of"):
+        env.step(idle[1:])
 
 
 @pytest.fixture(scope="module")
 def seeded():
     """Many worlds to be reset."""
-    return gymnasium.make_vec("lanewise/Trap-v0", COUNT, **SETTINGS)
+    return make()
 
 
 LAST = 2**32 - 1
@@ -247,18 +238,12 @@ LAST = 2**32 - 1
         ({"seed": [9, 10, 11, 12, 13, -1]}, "must be a whole number between 0 and .*, got -1"),
         ({"seed": [9, 10, 11, 12, 13, LAST + 1]}, "must be a whole number .*, got 4294967296"),
         ({"seed": LAST - COUNT + 2}, "must be a whole number .*, got 4294967296"),
-        ({"seed": -1}, "got -1"),
-        ({"seed": [1.5, 2, 3, 4, 5, 6]}, "got 1.5"),
         ({"seed": np.arange(6.0)}, "got 0.0"),
-        ({"seed": 3.0}, "got 3.0"),
         ({"seed": [1, 2, 3, 4, 5, True]}, "got true"),
-        ({"seed": True}, "got true"),
         ({"seed": "123456"}, 'got "123456"'),
-        ({"seed": ["1", 2, 3, 4, 5, 6]}, 'got "1"'),
         ({"seed": {1, 2, 3, 4, 5, 6}}, "got {1, 2, 3, 4, 5, 6}"),
         ({"seed": np.zeros((6, 2), int)}, r"got \[0, 0\]"),
         ({"seed": 5, "options": {"begin": 3}}, "unknown option 'begin'"),
-        ({"seed": 5, "options": {"start": 1.0}}, "option start must be a whole number"),
         ({"seed": 5, "options": {"start": True}}, "option start must be a whole number"),
         ({"seed": 5, "options": 3}, "options: expected a mapping, got 3"),
         ({"seed": 5, "options": {"reset_mask": [True, False]}}, "reset_mask must be"),
@@ -275,7 +260,7 @@ def test_a_reset_that_is_refused_changes_nothing(seeded, given, says):
 
 
 def test_seeds_of_none_are_drawn_for_each_world_alone():
-    env = gymnasium.make_vec("lanewise/Trap-v0", COUNT, **SETTINGS)
+    env = make()
     observations, info = env.reset(seed=[None] * (COUNT - 1) + [7])
     assert len(set(info["seed"])) == len(np.unique(observations, axis=0)) == COUNT
     assert (info["seed"][-1], set(info["start"])) == (7, {0})

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from law_worlds import (
+from small_worlds import (
     ALL,
     DECISIONS,
     NUMBERS,

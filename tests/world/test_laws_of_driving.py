@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 from hypothesis import assume
-from law_worlds import SIZE, change, check, lane_distances, mirrored, reordered, shifted
+from small_worlds import SIZE, change, check, lane_distances, mirrored, reordered, shifted
 
 from lanewise.driving import accidents, observation, reward
 from lanewise.driving.settings import DrivingSettings, ObservationSettings, RewardSettings

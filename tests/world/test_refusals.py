@@ -1,5 +1,4 @@
 import re
-from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -17,6 +16,7 @@ from highway_env.vehicle.controller import ControlledVehicle, MDPVehicle
 from highway_env.vehicle.dynamics import BicycleVehicle
 from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Obstacle
+from small_worlds import change, make_world
 
 from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import SettingsError
@@ -279,27 +279,26 @@ def test_every_driven_vehicle_is_external_and_driven_in_the_twin(count):
     assert read_world(twin).drivers.kind.tolist() == world.drivers.kind.tolist()
 
 
-def test_an_ego_that_is_not_first_is_driven_in_the_twin(make_world):
+def test_an_ego_that_is_not_first_is_driven_in_the_twin():
     twin = build_env(make_world([0, 50], [0, 0], kinds=[RULE_BASED, EXTERNAL]))
     assert twin.vehicle is twin.road.vehicles[1]
 
 
 @pytest.mark.parametrize("kinds", [[EXTERNAL, EXTERNAL], [RULE_BASED, EXTERNAL]])
-def test_the_tests_drive_vehicle_0_alone(make_world, kinds):
+def test_the_tests_drive_vehicle_0_alone(kinds):
     with pytest.raises(SettingsError, match="only vehicle 0"):
         highway_env_evaluation.live(DrivingSettings(), make_world([0, 50], [0, 0], kinds=kinds), 50)
 
 
-def test_worlds_that_cannot_be_built(make_world):
+def test_worlds_that_cannot_be_built():
     world = make_world([0, 50], [0, 0])
     with pytest.raises(SettingsError, match="0 ticks"):
         build_env(world, simulation_frequency=1, decision_frequency=2)
-    limit = world.drivers.slip_limit.at[1].set(1.0)
     with pytest.raises(SettingsError, match="slip_limit"):
-        build_env(replace(world, drivers=replace(world.drivers, slip_limit=limit)))
+        build_env(change(world, "drivers", slip_limit=1.0))
 
 
-def test_an_ego_that_nobody_drives(make_world):
+def test_an_ego_that_nobody_drives():
     with pytest.raises(SettingsError, match="no vehicle is driven"):
         build_env(make_world([0, 50], [0, 0], kinds=[CONSTANT, RULE_BASED]))
 
@@ -309,8 +308,8 @@ def test_plain_vehicles_are_read(env):
     assert read_world(env).drivers.kind.tolist() == [0, 2, 2, 2, 1]
 
 
-def test_too_many_vehicles(make_world):
+def test_too_many_vehicles():
     with pytest.raises(SettingsError, match="do not fit"):
-        make_world([0, 50], [0, 0], maximum=1)
+        build.make_vehicles([0, 50], [0, 0], [1, 1], [0, 0], maximum=1)
     with pytest.raises(SettingsError, match="2 vehicles"):
         build.make_drivers([PAPER_DRIVER], [0, 1])

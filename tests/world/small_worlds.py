@@ -1,4 +1,4 @@
-"""Small worlds that Hypothesis makes for the laws, and one tick of them. All in float64 NumPy."""
+"""Small worlds in float64 NumPy, by hand or by Hypothesis, and a tick of them in both worlds."""
 
 import sys
 from dataclasses import replace
@@ -9,20 +9,83 @@ import jax
 import numpy as np
 from hypothesis import strategies as st
 
+from lanewise.interop.highway_env import build_env, read_world
 from lanewise.world import tick
-from lanewise.world.state import World
+from lanewise.world.settings import PAPER_DRIVER
+from lanewise.world.state import EXTERNAL, RULE_BASED, Drivers, Road, Vehicles, World
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from parity_states import LANES_MAX, fit, random_drivers, random_road, random_vehicles
+from parity_states import LANES_MAX, fit, random_drivers, random_road, random_vehicles, slip_sine
 
 TICK = 0.1
 """Length of a tick, s."""
 SIZE = 6
-"""Places for vehicles: one shape, so that one compilation serves all laws."""
+"""Places for vehicles: one shape, so that one compilation serves nearly all tests here."""
 NUMBERS = ("x", "y", "heading", "speed", "slip_sine", "acceleration", "timer")
 PUSHES = ("impact_x", "impact_y")
 DECISIONS = ("target_lane", "crashed", "impacted")
 ALL = NUMBERS + PUSHES + DECISIONS
+BY_NAME = (
+    *("comfort_acceleration", "comfort_deceleration", "jam_distance", "time_gap", "exponent"),
+    *("politeness", "minimum_gain", "imposed_braking", "change_delay", "acceleration_limit"),
+)
+"""Parameters of drivers that are the settings'."""
+
+
+def make_world(
+    x, lane, speed=12.5, *, y=None, kinds=None, settings=PAPER_DRIVER, lanes=3, timer=None,
+    heading=0.0, size=SIZE,
+):  # fmt: skip
+    """A world from places; the first vehicle is external unless kinds say otherwise."""
+    count, which = len(x), np.arange(lanes)
+    x, lane = np.array(x, float), np.array(lane, np.int32)
+    y = 4.0 * lane if y is None else np.array(y, float)
+    kind = np.array([EXTERNAL] + [RULE_BASED] * (count - 1) if kinds is None else kinds, np.int32)
+    settings = settings if isinstance(settings, list) else [settings] * count
+
+    def of(name):
+        return np.array([getattr(each, name) for each in settings], float)
+
+    def wide(value):
+        return np.full(count, value)
+
+    own_timer = np.mod((x + y) * np.pi, 1.0)
+    road = Road(
+        present=which >= 0,
+        centre=4.0 * which,
+        width=np.full(lanes, 4.0),
+        start=np.zeros(lanes),
+        end=np.full(lanes, 10_000.0),
+        speed_limit=np.full(lanes, 30.0),
+        open_to_change=which >= 0,
+    )
+    drivers = Drivers(
+        kind=kind,
+        target_speed=np.where(kind == RULE_BASED, of("target_speed"), 0.0),
+        slip_limit=slip_sine(of("steering_limit")),
+        changes_lanes=of("changes_lanes") > 0,
+        checks_collisions=wide(True),
+        length=wide(5.0),
+        width=wide(2.0),
+        **{name: of(name) for name in BY_NAME},
+    )
+    vehicles = Vehicles(
+        present=wide(True),
+        x=x,
+        y=y,
+        heading=wide(0.0) + heading,
+        speed=wide(0.0) + speed,
+        slip_sine=wide(0.0),
+        acceleration=wide(0.0),
+        target_lane=lane,
+        timer=own_timer if timer is None else np.where(timer, timer, own_timer),
+        crashed=wide(False),
+        impacted=wide(False),
+        impact_x=wide(0.0),
+        impact_y=wide(0.0),
+    )
+    return fit(World(road, drivers, vehicles), size)
+
 
 rows = st.tuples(
     st.integers(0, LANES_MAX - 1),
@@ -68,17 +131,35 @@ _tick = jax.jit(tick.tick)
 
 
 def after(world, duration=TICK):
-    """The vehicles a tick later."""
-    with jax.enable_x64(True):
+    """The vehicles a tick later, in the numbers of the world."""
+    with jax.enable_x64(world.vehicles.x.dtype == np.float64):
         return jax.tree.map(np.array, _tick(world, duration).vehicles)
 
 
+def both(world, ticks=1, frequency=10):
+    """Vehicles after some ticks, ours and highway-env's."""
+    env = build_env(world, simulation_frequency=frequency)
+    count, ours = len(env.road.vehicles), world
+    for _ in range(ticks):
+        ours = replace(ours, vehicles=after(ours, 1 / frequency))
+        env.road.act()
+        env.road.step(1 / frequency)
+    return taken(ours.vehicles, slice(count)), read_world(env).vehicles
+
+
 def change(world, part="vehicles", **values):
-    """The world with other values in one of its parts."""
-    old = getattr(world, part)
-    values = {name: np.asarray(v, getattr(old, name).dtype) for name, v in values.items()}
-    values = {name: np.broadcast_to(v, getattr(old, name).shape) for name, v in values.items()}
-    return replace(world, **{part: replace(old, **values)})
+    """The world with other values in one of its parts; in the first places, if there are fewer."""
+    old, new = getattr(world, part), {}
+    for name, value in values.items():
+        was = getattr(old, name)
+        value = np.broadcast_to(value, np.shape(value) or was.shape).astype(was.dtype)
+        new[name] = np.concatenate([value, was[len(value) :]])
+    return replace(world, **{part: replace(old, **new)})
+
+
+def single(world):
+    """The world in float32."""
+    return jax.tree.map(lambda a: a.astype(np.float32) if a.dtype == np.float64 else a, world)
 
 
 def shifted(world, along):
@@ -122,7 +203,7 @@ def lane_distances(world):
     return np.where(road.present, np.abs(y - road.centre) + beyond, np.inf)
 
 
-def assert_same(first, second, where, names=ALL, **allowed):
+def assert_same(first, second, where=slice(None), names=ALL, **allowed):
     """Vehicles of two worlds are the same, to the bit but for what is allowed by name."""
     for name in names:
         ours, theirs = getattr(first, name)[where], getattr(second, name)[where]
