@@ -10,10 +10,11 @@ from typing import Any
 
 import jax
 import numpy as np
+import small_runs
 
 from lanewise import config
 from lanewise.cli import journal
-from lanewise.config.settings import ONE_LEVEL_STAGES, Settings
+from lanewise.config.settings import Settings
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.grid import PointResult, Reach
 from lanewise.experiments import experiment, jobs, stored_tests
@@ -26,23 +27,7 @@ from lanewise.system.folder_io import OpenFolder
 from lanewise.training import trainer
 from lanewise.training.plan import TrainingPlan
 
-STAGE = {
-    "worlds": 2,
-    "decisions": 500,
-    "duration": 12,
-    "learner.hidden": (16, 16),
-    "learner.batch_size": 8,
-    "learner.warm_up": 40,
-    "learner.replay_capacity": 300,
-}
-FLAGS = {
-    "scenario.traffic.vehicles_ahead": 0,
-    "planner.preview": 2,
-    "evaluation.duration": 4,
-    "evaluation.validation_episodes": 5,
-    "evaluation.validation_interval": 2,
-    **{f"{stage}.{name}": value for stage in ONE_LEVEL_STAGES for name, value in STAGE.items()},
-}
+FLAGS = small_runs.flags(chunks=5)
 WHOLE_SEED, OTHER_SEED = 4, 5
 IDENTITY = {"kind": "Sweep", "controller": "hierarchical", "weights": "0" * 64, "seed": 0}
 EXPERIMENT = """title = "Two arms"

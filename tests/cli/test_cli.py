@@ -10,15 +10,15 @@ from pathlib import Path
 import pytest
 
 from lanewise import __version__, config
-from lanewise.cli import compare_command, train_command
+from lanewise.cli import compare_command, doctor_command, train_command
 from lanewise.cli.command_line import parse
 from lanewise.cli.main import COMMANDS, command_class, main
 from lanewise.config.settings import Settings
 from lanewise.fields.docstrings import of_fields
-from lanewise.report import provenance
 from lanewise.runs.run_folder import RunFolder
 
 TRAIN = ["train", "hierarchical", "--out", "run"]
+FLAT = "pretrained/single-level"
 
 
 @pytest.fixture(autouse=True)
@@ -49,6 +49,8 @@ def inside(tmp_path, monkeypatch):
         (["evaluate", "absent"], "no run in absent: looked for absent/run.json"),
         (["compare", "a", ""], "RUNS: expected a path, got nothing"),
         (["watch", "absent", "-o", "clip.avi"], "--out must end in .gif or .mp4, got clip.avi"),
+        (["watch", FLAT, "-o", "/proc/a/b.gif"], "cannot write /proc/a/b.gif"),
+        (["compare", FLAT, FLAT, "--csv", "/proc/a/b.csv"], "cannot write /proc/a/b.csv"),
         (["sweep", "a", "--out", "b", "--ego-speed", "nan"], "between 1 and 40 m/s, got nan"),
         (
             ["reproduce", "--out", "report", "--experiment", "mine.toml", "--preset", "paper"],
@@ -69,14 +71,6 @@ def test_refusals(words, hint, capsys, inside):
     assert len(output.err.splitlines()) <= 2
     assert max(map(len, output.err.splitlines())) < 250
     assert os.listdir(inside) == []
-
-
-@pytest.mark.parametrize(("text", "hint"), [("trap_sped = 0", "scenario.trap_speed?")])
-def test_bad_settings_file(text, hint, capsys, inside):
-    (inside / "mine.toml").write_text(f"[scenario]\n{text}\n")
-    assert main([*TRAIN, "--settings", "mine.toml"]) == 2
-    assert hint in capsys.readouterr().err
-    assert os.listdir(inside) == ["mine.toml"]
 
 
 ANSWERED = {
@@ -125,15 +119,6 @@ def test_help_and_refusals_never_import_jax(inside):
     assert sorted(os.listdir(inside)) == ["lender", "notes.txt", "young"]
 
 
-@pytest.mark.parametrize("command", ["watch", "compare"])
-def test_files_that_cannot_be_written_are_refused_first(command, capsys):
-    run = "pretrained/single-level"
-    words = {"watch": [run, "-o"], "compare": [run, run, "--csv"]}
-    name = {"watch": "b.gif", "compare": "b.csv"}[command]
-    assert main([command, *words[command], f"/proc/a/{name}"]) == 2
-    assert f"cannot write /proc/a/{name}" in capsys.readouterr().err
-
-
 def test_a_list_takes_every_word_that_belongs_to_no_flag():
     words = ["a", "--episodes", "5", "b", "--json", "c", "--csv=d.csv"]
     parsed = parse(compare_command.Compare, words)
@@ -166,12 +151,9 @@ def test_values_are_read_as_they_are_written(inside):
     assert {"resume", "seed"} <= again.given
 
 
-def test_version(capsys):
+def test_help_lists_every_command_with_the_first_line_of_its_own(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"lanewise {__version__}\n"
-
-
-def test_help_lists_every_command_with_the_first_line_of_its_own(capsys):
     assert main([]) == 0
     output = capsys.readouterr().out
     for name, summary in COMMANDS.items():
@@ -179,16 +161,15 @@ def test_help_lists_every_command_with_the_first_line_of_its_own(capsys):
         assert inspect.getdoc(command_class(name)).splitlines()[0] == summary
 
 
-@pytest.mark.parametrize("command", ["train"])
-def test_help_lists_every_setting_with_text_default_and_range(command, capsys):
-    assert main([command, "--help"]) == 0
+def test_help_lists_every_setting_with_text_default_and_range(capsys):
+    assert main(["train", "--help"]) == 0
     output = " ".join(capsys.readouterr().out.split())
     for name in config.field_types():
         assert f"--{name.replace('_', '-')} " in output
     expected = "Speed of both trap cars, all episode long. [between 0.5 and 40 m/s] (default: 10.0)"
     assert expected in output
     assert "{previous-goal,current-state}" in output
-    assert f"usage: lanewise {command} [OPTIONS] " in output
+    assert "usage: lanewise train [OPTIONS] " in output
 
 
 def test_no_setting_is_without_help():
@@ -202,25 +183,19 @@ def test_no_setting_is_without_help():
         assert set(of_fields(owner)) == set(owner.__dataclass_fields__), owner
 
 
-@pytest.mark.parametrize("encoding", ["ascii"])
-def test_output_escapes_what_the_encoding_lacks(encoding, monkeypatch):
+def test_output_escapes_what_the_encoding_lacks(monkeypatch):
     """`PYTHONIOENCODING=ascii:strict lanewise --help`, and whatever else is printed."""
-    monkeypatch.setattr(provenance, "_processor", lambda: "Intel® Core™ 日本")
-    streams = {
-        name: io.TextIOWrapper(io.BytesIO(), encoding=encoding, errors="strict")
-        for name in ("stdout", "stderr")
-    }
-    for name, stream in streams.items():
+    monkeypatch.setattr(doctor_command, "run", lambda _: sys.stdout.write("Intel® 日本") * 0)
+    for name in ("stdout", "stderr"):
+        stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii", errors="strict")
         monkeypatch.setattr(sys, name, stream)
     for words in ([], *([command] for command in COMMANDS)):
         assert main([*words, "--help"]) == 0
     assert main(["doctor"]) == 0
     assert main(["evaluate", "größe 日本"]) == 2
+    said = [stream.buffer.getvalue().decode("ascii") for stream in (sys.stdout, sys.stderr)]
     monkeypatch.undo()
-    said = {name: stream.buffer.getvalue().decode(encoding) for name, stream in streams.items()}
-    assert "Core" in said["stdout"]
-    assert "\\u65e5\\u672c" in said["stdout"]
-    assert "\\u65e5\\u672c" in said["stderr"]
+    assert all("\\u65e5\\u672c" in each for each in said)
 
 
 def test_an_existing_run_is_not_overwritten(capsys, inside):

@@ -11,17 +11,17 @@ from lanewise.report import installation
 
 
 def test_all_is_well(capsys):
-    assert main(["doctor"]) == 0
-    said = capsys.readouterr().out
-    assert "jax" in said
-    assert "highway-env 1.12.1" in said
-    assert "broken" not in said
-    assert all(len(line) < 200 for line in said.splitlines())
     assert main(["doctor", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["machine"]["backend"] in ("cpu", "gpu")
-    by_feature = {one["feature"]: one for one in found["features"]}
-    assert by_feature["training, tests, environments"]["packages"]["optax"]
+    findings = [installation.InstallationFinding(**each) for each in found["features"]]
+    by_feature = {each.feature: each for each in findings}
+    assert by_feature["training, tests, environments"].packages["optax"]
+    said = installation.text(found["machine"], findings)
+    for part in ("jax", "highway-env 1.12.1"):
+        assert part in said
+    assert "broken" not in said
+    assert all(len(line) < 200 for line in said.splitlines())
 
 
 def test_what_is_missing(monkeypatch, capsys):

@@ -1,12 +1,11 @@
 """Reads a command line into a command's dataclass, and writes the command's help, with argparse.
 
 argparse finds the words of each option; `FieldType` reads them and checks their range, as it does
-for settings in a file. So not-a-number is refused, and every error is one line.
+for settings in a file.
 
 A command is a dataclass. A field's metadata may say ``positional`` or give a ``short`` flag; a
-positional may be a list, which takes every word that belongs to no flag. A field ``values`` of type
-``Settings`` lets the command take any setting, together with its fields ``preset``, ``trap`` and
-``settings`` (a TOML file).
+positional list takes every word that belongs to no flag. A field ``values`` of type ``Settings``
+lets the command take any setting, and needs the fields ``preset``, ``trap`` and ``settings``.
 """
 
 import argparse
@@ -37,13 +36,12 @@ class Parsed(Generic[C]):
     """A command with all its values, and which of them the user wrote."""
 
     command: C
-    """The command, ready to run."""
     given: frozenset[str]
     """Names of the fields and dotted names of the settings found on the command line."""
 
     @property
     def settings_given(self) -> bool:
-        """Whether the user said anything about settings, be it by preset, file or flag."""
+        """Whether the user gave settings, by preset, file or flag."""
         return any(name in ("preset", "trap", "settings") or "." in name for name in self.given)
 
 
@@ -87,7 +85,7 @@ class Option:
         if self.is_switch:
             keywords["action"] = "store_true"
         else:
-            # What is missing is found below, once all unknown words have been refused.
+            # `parse` finds what is missing, once all unknown words have been refused.
             one = "?" if self.positional else None
             keywords["nargs"] = one if self.type.length is None else "*" if self.positional else "+"
             keywords["metavar"] = self.metavar
@@ -135,8 +133,8 @@ def parse(command: type[C], words: Sequence[str]) -> Parsed[C]:
     """Reads ``words`` into ``command``.
 
     Raises:
-        SettingsError: An option is unknown, lacks its value, or has a wrong one; an argument is
-            missing or too many; the settings contradict one another.
+        SettingsError: An option or argument is unknown, missing or wrong, or settings contradict
+            one another.
     """
     owner: Any = command
     options = options_of(owner)
@@ -171,14 +169,10 @@ def help_text(command: type) -> str:
 
 
 def _normalise(command: type, word: str, known: set[str]) -> str:
-    """A word as argparse takes it: flags with dashes, negative numbers as values.
-
-    Raises:
-        SettingsError: It is an unknown flag.
-    """
+    """A word as argparse takes it: flags with dashes, negative numbers as values."""
     if _NEGATIVE.match(word):
         return f" {word}"
-    # One dash, or the dash that word processors make of two, begins a misspelt long flag.
+    # A single dash, also a word processor's, begins a misspelt long flag.
     if not word.startswith("--") and not (word[:1] in _DASHES and word[1:2].isalpha()):
         return word
     flag, equals, value = word.partition("=")
@@ -214,13 +208,7 @@ def options_of(command: type) -> dict[str, Option]:
 
 
 def _groups(part: Any, name: str = "", title: str = "") -> list[tuple[str, list[Option]]]:
-    """The options of a command or of a section of the settings, then those of the sections below.
-
-    Args:
-        part: a command's class, or a section.
-        name: of the section, with a dot behind; its options' names begin with it.
-        title: of the section in help.
-    """
+    """The options of a command's class or of a section of the settings, then of sections below."""
     owner = part if isinstance(part, type) else type(part)
     docs, hints = docstrings.of_fields(owner), get_type_hints(owner, include_extras=True)
     own: list[Option] = []

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from lanewise import config
 from lanewise.cli.command_line import Parsed
@@ -58,9 +58,7 @@ def run(parsed: Parsed[Compare]) -> int:
     settings = _settings(folders, command.scenario_of)
     from lanewise.report import output_files
 
-    output_files.check_writable(
-        *(file for file in (command.markdown, command.csv) if file is not None)
-    )
+    output_files.check_writable(*filter(None, (command.markdown, command.csv)))
     from lanewise.evaluation import comparison
 
     entries = [
@@ -100,11 +98,8 @@ def _drive(controllers: "Sequence[Trained]", command: Compare) -> "list[Episodes
     with Progress() as reporter:
         for number, (controller, path) in enumerate(zip(controllers, command.runs, strict=True), 1):
             reporter.note(f"testing {path} ({number} of {len(controllers)})")
-            episodes.append(
-                evaluate_trained.evaluate(
-                    controller, command.world, command.episodes, command.seed, reporter
-                )
-            )
+            test = (command.world, command.episodes, command.seed, reporter)
+            episodes.append(evaluate_trained.evaluate(controller, *test))
     return episodes
 
 
@@ -116,23 +111,15 @@ def _settings(folders: Sequence[RunFolder], scenario_of: Path | None) -> list[Se
     """
     settings = [folder.settings for folder in folders]
     if scenario_of is not None:
-        scenario = _section(RunFolder.open(pretrained.locate(scenario_of)).settings, "scenario.")
+        theirs = config.flatten(RunFolder.open(pretrained.locate(scenario_of)).settings)
+        scenario = {name: v for name, v in theirs.items() if name.startswith("scenario.")}
         settings = [config.replace(each, scenario) for each in settings]
     for folder, own in zip(folders[1:], settings[1:], strict=True):
         for name, (first, other) in config.differences([settings[0], own]).items():
             if belongs_to_test(name):
+                hint = "\n  --scenario-of RUN tests all in that run's scenario"
                 raise RunError(
                     f"{folders[0].path} and {folder.path} are not tested alike: {name} is "
-                    f"{show(first)}, not {show(other)}{_way_out(name)}"
+                    f"{show(first)}, not {show(other)}{hint * name.startswith('scenario.')}"
                 )
     return settings
-
-
-def _section(settings: Settings, prefix: str) -> dict[str, Any]:
-    return {name: v for name, v in config.flatten(settings).items() if name.startswith(prefix)}
-
-
-def _way_out(name: str) -> str:
-    if not name.startswith("scenario."):
-        return ""
-    return "\n  --scenario-of RUN tests all in that run's scenario"

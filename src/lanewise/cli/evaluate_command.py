@@ -37,11 +37,7 @@ class Evaluate:
 
 
 def check_renewal(renewal: str | None, run: Path, controller: str) -> None:
-    """Refuses ``--renewal`` for a controller without goals.
-
-    Raises:
-        RunError: says so.
-    """
+    """Refuses ``--renewal`` for a controller without goals."""
     if renewal is not None and not CONTROLLERS[controller].has_goals:
         raise RunError(f"--renewal: {run} is {controller} and has no goals")
 
@@ -72,10 +68,8 @@ def run(parsed: Parsed[Evaluate]) -> int:
         unlike_paper=published.unlike_test(controller.settings),
     )
     # Printed first: a file that cannot be written must not cost the figures.
-    shown = (
-        json.dumps(summary.to_json()) + "\n" if command.json else evaluation_table.text([summary])
-    )
-    sys.stdout.write(shown)
+    table = evaluation_table.text([summary])
+    sys.stdout.write(json.dumps(summary.to_json()) + "\n" if command.json else table)
     if command.episodes_out is not None:
         output_files.write_csv(command.episodes_out, episodes)
     return 0

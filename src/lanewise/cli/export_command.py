@@ -47,7 +47,11 @@ class Export:
 def run(parsed: Parsed[Export]) -> int:
     """Exports; returns 1 if a check found decisions that differ, else 0."""
     command = parsed.command
-    _refuse(command)
+    name = pretrained.controller_name(command.run)
+    if reason := CONTROLLERS[name].not_exportable:
+        raise RunError(f"{command.run} cannot be exported: {reason}")
+    check_renewal(command.renewal, command.run, name)
+    formats.check(command.out, reading=command.check > 0)
     from lanewise.export import contents
     from lanewise.runs import trained
 
@@ -66,21 +70,8 @@ def run(parsed: Parsed[Export]) -> int:
     return 1 if found is not None and found.different else 0
 
 
-def _refuse(command: Export) -> None:
-    """Everything that can be known before JAX is there.
-
-    Raises:
-        LanewiseError: the controller or the file is not one to export, or a package is missing.
-    """
-    name = pretrained.controller_name(command.run)
-    if reason := CONTROLLERS[name].not_exportable:
-        raise RunError(f"{command.run} cannot be exported: {reason}")
-    check_renewal(command.renewal, command.run, name)
-    formats.check(command.out, reading=command.check > 0)
-
-
 def _compare(controller: "Trained", command: Export) -> "Agreement":
-    """The written file beside the controller."""
+    """The decisions of the written file beside the controller's."""
     from lanewise.export import check
 
     with Progress() as reporter:

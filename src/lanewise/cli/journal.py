@@ -1,13 +1,11 @@
 """What a sweep has done so far, in memory and on disk: a line a result, only ever appended.
 
-Each line carries a digest of itself and of all lines before it, so that a damaged or missing one
-is noticed.
+Each line carries a digest of itself and of all lines before it, which shows damage and gaps.
 """
 
 import hashlib
 import json
 import os
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -19,8 +17,6 @@ from lanewise.system import folder_io, safe_io
 from lanewise.system.folder_io import PARTIAL, OpenFolder, write_atomically
 
 _LARGEST = 1_000_000_000
-_FORMAT, _VERSION = "lanewise-sweep", 1
-"""Which a journal need not say."""
 _KINDS: dict[str, type] = {"Reach": Reach, "PointResult": PointResult}
 
 
@@ -37,11 +33,7 @@ class Journal:
     """Locked; closing it gives it back."""
 
     def add(self, found: list[Reach] | list[PointResult]) -> None:
-        """Keep some results; a kill loses only what came after.
-
-        Raises:
-            RunError: the folder was moved, removed or replaced.
-        """
+        """Keep some results; a kill loses only what comes after."""
         self.folder.require_same()
         for result in found:
             kept: list[Any] = self.reached if isinstance(result, Reach) else self.outcomes
@@ -60,15 +52,14 @@ def open_(path: Path, identity: dict[str, Any]) -> Journal:
         identity: what must be the same for it to be continued; its first line.
 
     Raises:
-        RunError: the folder holds something else, or a sweep of something else, or another process
-            is sweeping in it, or the journal is damaged.
+        RunError: the folder is in use or holds something else, or the journal is damaged.
     """
     out = path.parent
     check_place(path)
     out.mkdir(parents=True, exist_ok=True)
     folder = folder_io.lock(out, "sweeping")
     try:
-        # Asked once more: whoever had the lock just before may have begun.
+        # Checked again: another process may have begun before this one had the lock.
         if not check_place(path):
             write_atomically(folder, {path.name: (json.dumps(identity) + "\n").encode()})
         kept, results, digest = read(path, identity)
@@ -88,11 +79,7 @@ def open_(path: Path, identity: dict[str, Any]) -> Journal:
 
 
 def check_place(path: Path) -> bool:
-    """Whether a sweep has begun in a journal's folder; refuses one that holds something else.
-
-    Raises:
-        RunError: says so.
-    """
+    """Whether a sweep has begun in a journal's folder; refuses one that holds something else."""
     out = path.parent
     require_outside(out)
     if os.path.lexists(path):
@@ -112,13 +99,11 @@ def read(path: Path, identity: dict[str, Any]) -> tuple[bytes, list[Reach | Poin
     """
     try:
         content = safe_io.read_bytes(path, _LARGEST, links=False)
-        head, *lines = list(_whole_lines(content)) or [b""]
-        if not head:
+        content = content[: content.rfind(b"\n") + 1]
+        if not content:
             raise ValueError("it holds no line")
-        begun = safe_io.parse_json(head)
-        if other := safe_io.format_mismatch(begun, _FORMAT, _VERSION):
-            raise RunError(f"{path} {other}")
-        if begun != identity:
+        head, *lines = content.splitlines()
+        if safe_io.parse_json(head) != identity:
             raise RunError(
                 f"{path.parent} holds another sweep: continue with its options, or choose another"
             )
@@ -129,11 +114,7 @@ def read(path: Path, identity: dict[str, Any]) -> tuple[bytes, list[Reach | Poin
             digest = record["digest"]
     except (ValueError, safe_io.UnreadableError) as error:
         raise RunError(f"{path} is damaged: remove it to begin anew ({error})") from error
-    return content[: content.rfind(b"\n") + 1], results, digest
-
-
-def _whole_lines(content: bytes) -> Iterator[bytes]:
-    return (line for line in content.splitlines(keepends=True) if line.endswith(b"\n"))
+    return content, results, digest
 
 
 def _result(record: Any, before: str) -> Reach | PointResult:

@@ -32,9 +32,6 @@ COMMANDS = {
 """The commands. Each is a dataclass and a function ``run`` in its own module of this room, which is
 imported when the command is called."""
 
-CONTINUED = ("train", "sweep", "reproduce")
-"""Those that can be continued; their modules have a function ``how_to_continue``."""
-
 HELP = """\
 usage: lanewise COMMAND [OPTIONS]
 
@@ -45,16 +42,14 @@ commands:
 
 `lanewise COMMAND --help` lists a command's options; `lanewise --version` shows the version.
 """
-
-REFUSED = 2
-INTERRUPTED = 130
+REFUSED, INTERRUPTED = 2, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs ``lanewise`` and returns its exit code.
 
-    0 done, 1 a measurement of ``bench`` failed, ``doctor`` found something broken or ``export`` a
-    decision that differs, 2 refused, 130 interrupted, by Ctrl-C or SIGTERM.
+    0 done; 1 a measurement of ``bench`` failed, ``doctor`` found something broken, or ``export`` a
+    decision that differs; 2 refused; 130 interrupted by Ctrl-C or SIGTERM.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     for stream in (sys.stdout, sys.stderr):
@@ -110,7 +105,9 @@ def _dispatch(words: list[str]) -> int:
     try:
         code: int = module.run(parsed)
     except KeyboardInterrupt:
-        hint = f"; {module.how_to_continue(parsed.command)}" if name in CONTINUED else ""
+        if name == "train":
+            raise KeyboardInterrupt(f"; {module.how_to_continue(parsed.command)}") from None
+        hint = "; the same command continues it" if name in ("sweep", "reproduce") else ""
         raise KeyboardInterrupt(hint) from None
     return code
 
@@ -128,7 +125,7 @@ def _tell(text: str) -> None:
 
 
 def _escape_unencodable(stream: TextIO) -> None:
-    """Lets a stream escape characters that its encoding lacks, instead of failing there."""
+    """Lets a stream escape characters that its encoding lacks, instead of failing."""
     if isinstance(stream, io.TextIOWrapper):
         stream.reconfigure(errors="backslashreplace")
 

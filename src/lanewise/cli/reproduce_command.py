@@ -80,21 +80,20 @@ def run(parsed: Parsed[Reproduce]) -> int:
     every = job_list.of_experiment(whole, *place)
     for job in every:
         job_list.check(job)
-    # Of every job: a test that is damaged, or of another run, is refused before anything is done.
+    # Looks at every job: a test that is damaged or of another run is refused first.
     done = {job.path for job in every if job.done}
     report = command.out / "report.md"
     if report.exists() and all(job.path in done for job in jobs):
         raise RunError(f"{command.out} is complete: see {report}, or choose another folder")
     with folder_io.make_locked(command.out, "reproducing") as out:
-        # Whoever had the lock just before may have begun something else meanwhile.
+        # Another process may have begun something else meanwhile.
         experiment_folder.check(command.out, whole)
         experiment_folder.mark(out, whole)
-        # One that lacks what is to be done now would look like that of a complete folder.
+        # An old report would make an unfinished folder look complete.
         out.unlink(report.name)
         began = time.monotonic()
-        times = schedule.run(
-            jobs, command.processes or len(process.usable_cores()), sys.stderr, out
-        )
+        processes = command.processes or len(process.usable_cores())
+        times = schedule.run(jobs, processes, sys.stderr, out)
         out.require_same()
         tell("writing the report")
         path, text = reporting.write(
@@ -108,17 +107,8 @@ def run(parsed: Parsed[Reproduce]) -> int:
     return 0
 
 
-def how_to_continue(command: Reproduce) -> str:
-    """Says how an interrupted run of this command is continued."""
-    return "the same command continues it"
-
-
 def _refuse(parsed: Parsed[Reproduce]) -> None:
-    """Refuses options that contradict one another.
-
-    Raises:
-        SettingsError: says which.
-    """
+    """Refuses options that contradict one another."""
     command = parsed.command
     if command.experiment is not None and "preset" in parsed.given:
         raise SettingsError("--experiment and --preset each name an experiment; give one of them")
@@ -128,22 +118,18 @@ def _refuse(parsed: Parsed[Reproduce]) -> None:
 
 
 def _experiment(command: Reproduce) -> Experiment:
-    """What is to be run, with the command's own numbers.
-
-    Raises:
-        SettingsError: it is not there, or something in it is wrong.
-    """
-    if command.experiment is not None:
-        found = experiments.load_file(command.experiment)
-    else:
+    """What is to be run, with the command's own numbers."""
+    if command.experiment is None:
         found = experiments.load(command.preset)
+    else:
+        found = experiments.load_file(command.experiment)
     given = {
         name: getattr(command, name)
         for name in ("seeds", "episodes", "highway_env_episodes")
         if getattr(command, name) is not None
     }
-    nothing_of_its_own: dict[str, Any] = dict.fromkeys(given)
-    arms = tuple(replace(arm, **nothing_of_its_own) for arm in found.arms)
+    no_own: dict[str, Any] = dict.fromkeys(given)
+    arms = tuple(replace(arm, **no_own) for arm in found.arms)
     return replace(found, arms=arms, **given)
 
 

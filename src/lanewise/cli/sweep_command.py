@@ -14,7 +14,7 @@ from lanewise.cli.journal import Journal
 from lanewise.config.settings import Settings
 from lanewise.errors import RunError, SettingsError, one_line, shell_line
 from lanewise.evaluation import grid as grids
-from lanewise.evaluation.grid import Cell, Grid, PointResult, Reach
+from lanewise.evaluation.grid import Cell, Grid
 from lanewise.fields.ranges import SEEDS, Between
 from lanewise.runs import pretrained
 from lanewise.runs.run_folder import RunFolder
@@ -74,9 +74,8 @@ def run(parsed: Parsed[Sweep]) -> int:
     from lanewise.runs import run_state, trained
 
     controller = trained.load(command.run)
-    journal = journals.open_(
-        command.out / JOURNAL, _identity(command, folder, run_state.weights_digest(folder))
-    )
+    identity = _identity(command, folder, run_state.weights_digest(folder))
+    journal = journals.open_(command.out / JOURNAL, identity)
     with journal.folder:
         with journal.file, Progress() as reporter:
             _work(command, grid, controller, journal, reporter)
@@ -84,17 +83,8 @@ def run(parsed: Parsed[Sweep]) -> int:
     return 0
 
 
-def how_to_continue(command: Sweep) -> str:
-    """Says how an interrupted run of this command is continued."""
-    return "the same command continues it"
-
-
 def _check(grid: Grid, settings: Settings) -> None:
-    """Refuses an axis that names a value twice, and starts that no run could have.
-
-    Raises:
-        SettingsError: says which.
-    """
+    """Refuses an axis that names a value twice, and starts that no run could have."""
     grids.check(grid)
     # With the most vehicles behind: whether they fit depends on the spacing.
     crowded = {grids.SETTINGS["vehicles_behind"]: max(grid.vehicles_behind)}
@@ -109,13 +99,13 @@ def _check(grid: Grid, settings: Settings) -> None:
 def _work(
     command: Sweep, grid: Grid, controller: Any, journal: Journal, reporter: Progress
 ) -> None:
-    """Do what the journal lacks."""
+    """Does what the journal lacks."""
     from lanewise.evaluation import sweep
     from lanewise.experiments import evaluate_trained
 
     points = grid.points()
     course = sweep.config(evaluate_trained.evaluation_config(controller), grid)
-    # Traffic is ignored when asking what can be won, so one of each set of traffics suffices.
+    # What can be won does not depend on traffic: one of each set of traffics suffices.
     apart = points[:: grid.traffics]
     done = len(journal.reached)
     reporter.stage("what can be won", len(apart), done)
@@ -129,21 +119,17 @@ def _work(
     )
     for verdict in verdicts:
         journal.add([verdict])
-        reporter.update(len(journal.reached), unwinnable=_lost(journal.reached))
+        lost = sum(not reach.winnable for reach in journal.reached)
+        reporter.update(len(journal.reached), unwinnable=lost)
     reporter.stage("episodes", len(points), len(journal.outcomes))
     for found in sweep.run(
         course, controller.parameters, command.seed, command.episodes, points, len(journal.outcomes)
     ):
         journal.add(found)
-        reporter.update(len(journal.outcomes), success_rate=_successes(journal.outcomes))
-
-
-def _lost(reached: list[Reach]) -> int:
-    return sum(not reach.winnable for reach in reached)
-
-
-def _successes(outcomes: list[PointResult]) -> float:
-    return sum(o.successes for o in outcomes) / sum(o.episodes for o in outcomes)
+        rate = sum(o.successes for o in journal.outcomes) / sum(
+            o.episodes for o in journal.outcomes
+        )
+        reporter.update(len(journal.outcomes), success_rate=rate)
 
 
 def _identity(command: Sweep, folder: RunFolder, weights: str) -> dict[str, Any]:

@@ -9,11 +9,7 @@ from lanewise.config.settings import PRESETS, TRAPS, Settings
 from lanewise.controllers.registry import TRAINABLE, WITH_STEP_1
 from lanewise.errors import RunError, shell_line
 from lanewise.fields.ranges import SEEDS, OneOf
-from lanewise.runs.run_folder import (
-    RunFolder,
-    open_high_level,
-    stages_of,
-)
+from lanewise.runs.run_folder import RunFolder, open_high_level, stages_of
 from lanewise.system.progress import Progress, tell
 
 
@@ -76,13 +72,8 @@ def run(parsed: Parsed[Train]) -> int:
 
         plan = TrainingPlan.build(folder.settings, folder.controller)
         with Progress() as reporter:
-            training_loop.train(
-                folder,
-                plan,
-                reporter,
-                high_level=command.high_level,
-                tensorboard=command.tensorboard,
-            )
+            lender, events = command.high_level, command.tensorboard
+            training_loop.train(folder, plan, reporter, high_level=lender, tensorboard=events)
         test = shell_line("lanewise", "evaluate", folder.path)
         tell(f"finished: {folder.path}; {test} tests it")
     return 0

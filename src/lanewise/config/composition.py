@@ -25,12 +25,12 @@ def compose(
     flags: Mapping[str, object] | None = None,
     data: bytes | None = None,
 ) -> Settings:
-    """Composes settings: defaults < training preset < scenario preset < file < flags.
+    """Composes settings: defaults < training preset < scenario preset < TOML file < flags.
 
     Args:
         preset: A name in ``PRESETS``.
         trap: A name in ``TRAPS``.
-        file: A TOML file with any of the settings.
+        file: With any of the settings.
         flags: Values by dotted name.
         data: The content of ``file``, if it has been read already.
 
@@ -41,15 +41,9 @@ def compose(
     values = dict(look_up("preset", preset, PRESETS))
     values |= look_up("trap", trap, TRAPS)
     if file is not None:
-        if not isinstance(file, Path | str):
-            raise SettingsError(f"settings file: expected a path, got {show(file)}")
         values |= load_toml(Path(file), data)
-    if flags is not None:
-        if not isinstance(flags, Mapping):
-            raise SettingsError(f"flags: expected a mapping of settings, got {show(flags)}")
-        values |= flags
     try:
-        return replace(Settings(), values)
+        return replace(Settings(), values | dict(flags or {}))
     except SettingsError as error:
         # Each value of the file is in range; one of them contradicts another.
         raise error if file is None else SettingsError(f"{file}: {error}") from error
@@ -116,13 +110,11 @@ def load_toml(path: Path, data: bytes | None = None) -> dict[str, object]:
         data: Its content; read from the file if not given.
 
     Raises:
-        SettingsError: The file cannot be read or is not TOML, a name in it is unknown, or a value
-            is out of its range.
+        SettingsError: The file cannot be read, or something in it is wrong.
     """
     try:
-        table = safe_io.parse_toml(
-            safe_io.read_bytes(path, _LARGEST_FILE) if data is None else data
-        )
+        data = safe_io.read_bytes(path, _LARGEST_FILE) if data is None else data
+        table = safe_io.parse_toml(data)
     except safe_io.UnreadableError as error:
         raise SettingsError(f"cannot read settings file {path}: {error}") from error
     except ValueError as error:
@@ -137,9 +129,7 @@ def load_toml(path: Path, data: bytes | None = None) -> dict[str, object]:
 def _by_name(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
     """Flattens nested tables, refusing names that are neither a setting nor a section."""
     known = field_types()
-    sections = dict.fromkeys(
-        name[:place] for name in known for place, letter in enumerate(name) if letter == "."
-    )
+    sections = dict.fromkeys(n[:i] for n in known for i, letter in enumerate(n) if letter == ".")
     found: dict[str, object] = {}
     for key, value in table.items():
         name = prefix + key.replace("-", "_")

@@ -142,9 +142,7 @@ PRESETS: dict[str, dict[str, object]] = {
 
 ``quick`` and ``paper`` train on the paper's ranges of D1 and D2; ``ranges`` also over ego speeds,
 trap speeds and numbers of lanes (docs/ranges.md). ``paper`` is what the paper states, in one world,
-with highway-env's own scaling. What ``quick`` adds to the method is not in it, but that a goal
-reached within a second is renewed at once (row 22b), and that MOBIL's gain may equal its threshold
-(row 30).
+with highway-env's own scaling. Of what ``quick`` adds to the method it has only rows 22b and 30.
 """
 
 TRAPS: dict[str, dict[str, object]] = {

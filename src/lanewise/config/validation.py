@@ -22,7 +22,6 @@ _TRAINING_RANGES = (
     "training_front_distance",
     "training_side_distance",
 )
-
 _TOO_COARSE = "farther on, 32-bit places are coarser than 1 cm"
 _REWARDS = ("external_weight", "tracking_weight", "approach_weight", "goal_reward")
 FEATURES = 26
@@ -31,11 +30,7 @@ _GIB = 1 << 30
 
 
 def check(settings: Settings) -> None:
-    """Checks the settings against one another.
-
-    Raises:
-        SettingsError: Names two settings that contradict one another.
-    """
+    """Refuses settings that contradict one another, by name."""
     _check_scenario(settings.scenario)
     _check_driving(settings)
     _check_reach(settings)
@@ -51,12 +46,9 @@ def check(settings: Settings) -> None:
 
 
 def check_high_level(lender: Settings, borrower: Settings) -> None:
-    """Checks that a high level trained under some settings can be taken over under others.
+    """Refuses to take over a high level that was trained under settings it would not fit.
 
     The settings of goal renewal in step 2 and in tests do not affect a high level.
-
-    Raises:
-        SettingsError: Says what differs.
     """
     theirs, ours = (
         (replace(each.goals, training_renewal="critic", test_renewal="critic"), each.driving)
@@ -84,9 +76,6 @@ def check_memory(
         controller: what is trained.
         available: bytes; None if unknown, and nothing is refused.
         observed: numbers in an observation.
-
-    Raises:
-        SettingsError: names the largest learner, what the stage needs and what there is.
     """
     for stage in CONTROLLERS[controller].stages:
         needs = {
@@ -109,7 +98,6 @@ def _least_bytes(learner: LearnerSettings, observed: int) -> int:
 
 
 def _check_reach(settings: Settings) -> None:
-    """No drive leads beyond the end of the road."""
     reach = _extent(settings.scenario)
     if reach > FARTHEST:
         raise SettingsError(
@@ -124,15 +112,12 @@ def _check_reach(settings: Settings) -> None:
 
 
 def check_duration(name: str, seconds: float, trap: TrapSettings) -> None:
-    """Checks that no vehicle can get beyond the end of the road within an episode.
+    """Refuses an episode within which a vehicle could get beyond the end of the road.
 
     Args:
         name: of the setting, for the message.
         seconds: simulated length of the episode.
         trap: where everybody may start.
-
-    Raises:
-        SettingsError: says how far, and how long an episode may last.
     """
     start, fastest = _extent(trap), max(TOP_SPEED, trap.traffic.speed)
     reach = start + fastest * seconds
@@ -202,7 +187,7 @@ def _check_not_behind(trap: TrapSettings) -> None:
 
 
 def _apart(name: str, distance: float) -> None:
-    # Distances are centre to centre.
+    """Refuses vehicles that overlap; distances are centre to centre."""
     if distance <= CAR_LENGTH:
         raise SettingsError(
             f"{name} must be more than a car length ({show(CAR_LENGTH)} m), "
@@ -238,7 +223,6 @@ def _check_driving(settings: Settings) -> None:
 
 
 def _check_level(settings: Settings, stage: str, section: str) -> None:
-    """Checks how a level learns against the budget of its stage."""
     level: LevelSettings = attrgetter(section)(settings)
     learner = f"{section}.learner"
     for name in (f"{learner}.batch_size", f"{learner}.warm_up", f"{stage}.worlds"):

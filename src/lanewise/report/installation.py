@@ -2,8 +2,9 @@
 
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, packages_distributions, requires, version
 from typing import Any
@@ -82,10 +83,16 @@ def _version(name: str) -> str:
         return ""
 
 
+@cache
+def _owners() -> Mapping[str, list[str]]:
+    """The installed packages that each module comes from."""
+    return packages_distributions()
+
+
 def _failure(distribution: str) -> str:
     """Why a package cannot be imported; empty if it can."""
     wanted = distribution.replace("-", "_").lower()
-    for module, owners in packages_distributions().items():
+    for module, owners in _owners().items():
         named = {owner.replace("-", "_").lower() for owner in owners}
         if module.startswith("_") or wanted not in named:
             continue
