@@ -4,6 +4,7 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -18,15 +19,13 @@ from lanewise.system import process
 WORKLOAD = """
 import os, time
 
-def measured(seed, fails=""):
+def measured(seed, fails=False):
     print("noise")
-    if fails == "before":
-        raise ValueError("no such road")
     time.sleep(0.3 * seed)
     ready = time.time()
     def timed():
         print("more noise")
-        if fails == "meanwhile":
+        if fails:
             raise ValueError("lost the road")
         cores = len(os.sched_getaffinity(0))
         return {"value": 1.0, "unit": "s", "detail": {
@@ -59,10 +58,9 @@ def test_workers_have_their_own_cores_and_begin_when_all_are_ready(workload, mon
         assert 2**20 < result["detail"]["peak_memory_bytes"] < 60 * 2**20
 
 
-@pytest.mark.parametrize(("when", "why"), [("meanwhile", "lost the road")])
-def test_a_worker_that_fails(workload, when, why):
-    with pytest.raises(LanewiseError, match=f"measuring measured failed: ValueError: {why}"):
-        measure(workload, [process.usable_cores()[:1]], fails=when)
+def test_a_worker_that_fails(workload):
+    with pytest.raises(LanewiseError, match="measuring measured failed: ValueError: lost the road"):
+        measure(workload, [process.usable_cores()[:1]], fails=True)
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -146,17 +144,15 @@ SMALL = {
     "decision": SIZE,
     "update": {"seconds": 0.05},
     "training": {"worlds": 2, "seconds": 0.05},
-    "many_seeds": {"count": 2, "worlds": 2, "seconds": 0.05},
 }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("function", SMALL)
-def test_each_workload_measures(function):
-    usable = [process.usable_cores()[:1]]
-    found = processes.measure(
-        suite.WORKLOADS, function, SMALL[function], usable, Path(sys.executable)
-    )
+def test_each_workload_measures(function, unoptimised, monkeypatch):
+    # One program for both trainings.
+    monkeypatch.setattr(workloads, "NEVER", workloads.WARM_UP)
+    found = getattr(workloads, function)(**SMALL[function])()
     assert found["value"] > 0
     if function == "world":
         ticks = found["detail"]["decisions_per_second"] * 5 * 5
@@ -164,3 +160,20 @@ def test_each_workload_measures(function):
     if function == "training":
         split = found["detail"]["milliseconds_a_step"]
         assert sum(split.values()) == pytest.approx(1e3 / found["value"])
+
+
+def test_many_seeds_are_all_counted(monkeypatch):
+    """With a training that only counts its chunks."""
+    over = SimpleNamespace(block_until_ready=lambda: None)
+    metrics = SimpleNamespace(episodes=SimpleNamespace(outcome=SimpleNamespace(over=over)))
+    calls = []
+    fake = SimpleNamespace(
+        begin=lambda course, keys: len(keys),
+        advance=lambda course: lambda state: (calls.append(state) or state, metrics),
+    )
+    monkeypatch.setattr(workloads, "multi_seed", fake)
+    monkeypatch.setattr(workloads, "_calls_per_second", lambda call, seconds: 10.0)
+    timed = workloads.many_seeds(count=3, worlds=2, seconds=0.0)
+    assert set(calls) == {3}
+    assert len(calls) * 2 * 50 > workloads.WARM_UP
+    assert timed()["value"] == 10.0 * 50 * 2 * 3

@@ -108,24 +108,21 @@ def test_ratios():
     assert ratios.of(alone, 2) == []
 
 
+SIZE = {"vehicles": 5, "lanes": 3}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "function", "arguments"),
     [
-        ("peer_highway_env", "world", {"vehicles": 5, "lanes": 3, "seconds": 0.05}),
-        ("peer_highway_env", "same_endings", {"vehicles": 5, "lanes": 3, "count": 2}),
-        (
-            "own_workloads",
-            "matrix_product",
-            {"rows": 8, "inner": 16, "columns": 16, "seconds": 0.1},
-        ),
+        ("peer_highway_env", "world", SIZE | {"seconds": 0.05}),
+        ("peer_highway_env", "same_endings", SIZE | {"count": 2}),
+        ("own_workloads", "matrix_product", {"rows": 8, "inner": 8, "columns": 8, "seconds": 0.1}),
     ],
 )
-def test_workloads_beside_ours_measure(file, function, arguments):
-    path = peers.HERE / f"{file}.py"
-    found = Benchmark(
-        part="", case="", subject="", function=function, arguments=arguments, file=path
-    ).measure()
+def test_workloads_beside_ours_measure(file, function, arguments, unoptimised):
+    one = {"part": "", "case": "", "subject": "", "function": function, "arguments": arguments}
+    found = Benchmark(**one, file=peers.HERE / f"{file}.py").measure()
     assert found.value > 0
     if function == "same_endings":
         assert (found.value, found.detail["different"]) == (2.0, [])
