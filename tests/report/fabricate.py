@@ -8,6 +8,8 @@ from lanewise import config
 from lanewise.config.settings import Settings
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.evaluation.grid import Cell, Grid, PointResult, Reach
+from lanewise.evaluation.metrics import summarise
+from lanewise.report.experiment_tables import ArmFigures
 from lanewise.report.sweep_page import SweepResult
 
 
@@ -122,6 +124,32 @@ def make_episodes(successes: int = 293, total: int = 300) -> Episodes:
         goals=np.full(total, 10, np.int64),
         goals_timed_out=(np.arange(total) % 4 == 0).astype(np.int64),
     )
+
+
+def make_arm(title: str, controller: str, successes: list[int], **more) -> ArmFigures:
+    """An arm whose seeds succeed in so many of 100 episodes; their reward is a tenth of that."""
+    tests, zero = [], np.zeros(100)
+    for count in successes:
+        won = np.arange(100) < count
+        episodes = Episodes(
+            success=won,
+            accident=zero.astype(np.int8),
+            accumulated_reward=zero + count / 10,
+            average_speed=zero + 13.0,
+            travel_distance=zero + 325.0,
+            duration=zero + 25.0,
+            escape_time=np.where(won, 9.0, np.nan),
+            goals=zero.astype(int),
+            goals_timed_out=zero.astype(int),
+        )
+        tests.append(summarise(episodes, controller=controller, world="lanewise"))
+    alike = {"unlike_paper": "", "unlike_papers_training": ""}
+    seeds = range(len(successes))
+    return ArmFigures(title, controller, seeds, {"lanewise": tests}, **alike | more)
+
+
+OURS = make_arm("two levels", "hierarchical", [98, 99, 100, 100, 90])
+FLAT = make_arm("flat | one", "single-level", [0, 0, 1, 0, 0])
 
 
 def make_sweep(grid: Grid | None = None, episodes: int = 20) -> SweepResult:

@@ -1,16 +1,17 @@
-"""Files of a report, what a missing package does to them, and text made safe for them."""
+"""Result files: whole or not at all, never into a run, and which code made them."""
 
 import importlib
 import json
 import math
+import subprocess
 import sys
 
 import numpy as np
 import pytest
 
 from lanewise.errors import LanewiseError, RunError
-from lanewise.report import markup, output_files
-from lanewise.system import extras
+from lanewise.report import markup, output_files, provenance
+from lanewise.system import extras, version
 
 
 def test_what_json_knows_keeps_its_type():
@@ -22,13 +23,12 @@ def test_what_json_knows_keeps_its_type():
         markup.finite([np.zeros(2)])
 
 
-@pytest.mark.parametrize(("part", "package"), [("training_curves", "matplotlib")])
-def test_missing_package_says_what_to_install(monkeypatch, part, package):
-    monkeypatch.setitem(sys.modules, package, None)
-    for name in ("frame", "clip", "training_curves", "figure_style"):
+def test_missing_package_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    for name in ("training_curves", "figure_style"):
         monkeypatch.delitem(sys.modules, f"lanewise.report.{name}", raising=False)
     with pytest.raises(LanewiseError, match=r'pip install "\.\[report\]" in your clone'):
-        importlib.import_module(f"lanewise.report.{part}")
+        importlib.import_module("lanewise.report.training_curves")
     with pytest.raises(LanewiseError, match=r"\.\[report\]"):
         extras.check()
 
@@ -87,3 +87,58 @@ def test_files_are_written_beside_and_a_failure_leaves_no_trace(tmp_path):
         fails()
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def git(place, *words):
+    command = ["git", "-C", str(place), "-c", "user.name=a", "-c", "user.email=a@b", *words]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+
+@pytest.fixture
+def checkout(tmp_path):
+    git(tmp_path, "init", "-q")
+    (tmp_path / "file").write_text("one")
+    git(tmp_path, "add", "file")
+    git(tmp_path, "commit", "-qm", "one")
+    return tmp_path
+
+
+def test_the_commit_of_a_checkout(tmp_path, checkout, monkeypatch):
+    head, unknown = git(checkout, "rev-parse", "HEAD"), {"commit": None, "clean_tree": None}
+    assert version.checkout_commit(checkout) == {"commit": head, "clean_tree": True}
+    (checkout / "another").write_text("two")
+    assert version.checkout_commit(checkout) == {"commit": head, "clean_tree": False}
+    assert version.checkout_commit(tmp_path.parent) == unknown
+    monkeypatch.setenv("PATH", "")
+    assert version.checkout_commit(checkout) == unknown
+    # A package that cannot say its commit.
+    (tmp_path / version.BUILT_FROM).write_text("{")
+    monkeypatch.setattr(version, "PACKAGE", tmp_path)
+    assert version.commit.__wrapped__() == unknown
+    assert list(provenance.source()) == ["commit", "clean_tree", "training"]
+    assert provenance.source()["training"] == version.training()
+
+
+def code(commit, training, clean=True):
+    return {"commit": commit * 40, "clean_tree": clean, "training": training * 12}
+
+
+@pytest.mark.parametrize(
+    ("sources", "said"),
+    [
+        ([code("a", "1")] * 2, "Trained by commit aaaaaaa; training is the same (`111111111111`)."),
+        (
+            [code("b", "2"), code("a", "1")],
+            "Trained by more than one: commit bbbbbbb, commit aaaaaaa; **training differs** "
+            "(`111111111111`, `222222222222`).",
+        ),
+        (
+            [code("a", "1"), {}],
+            "Trained by more than one: commit aaaaaaa, no commit recorded; whether training is "
+            "the same is not recorded.",
+        ),
+    ],
+)
+def test_a_line_says_whether_runs_were_trained_alike(sources, said):
+    assert provenance.trained_by(sources) == said
+    assert provenance.trained_by([]) == ""
