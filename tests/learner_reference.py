@@ -20,6 +20,8 @@ class Reference:
         self.first = [[np.zeros_like(array) for array in layer] for layer in self.online]
         self.second = [[np.zeros_like(array) for array in layer] for layer in self.online]
         self.losses = []
+        self.chosen = None
+        """Of the last batch: Q-values of the actions taken, and their targets."""
 
     def update(self, batch):
         """One step on a batch of transitions."""
@@ -29,7 +31,8 @@ class Reference:
         chooser = forward(self.online, batch.next_features)[-1] if chosen else next_target
         y = batch.reward + batch.discount * next_target[rows, chooser.argmax(axis=1)]
         activations = forward(self.online, batch.features)
-        error = activations[-1][rows, batch.action] - y
+        self.chosen = activations[-1][rows, batch.action], y
+        error = self.chosen[0] - y
         self.losses.append(np.mean(error**2))
         delta = np.zeros_like(activations[-1])
         delta[rows, batch.action] = 2.0 * error / len(rows)

@@ -3,7 +3,6 @@
 from functools import partial
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -21,11 +20,11 @@ def numbered(start: int, count: int) -> Transition:
     """Transitions whose every field tells which number they are."""
     number = np.arange(start, start + count, dtype=np.float32)
     return Transition(
-        features=jnp.asarray(np.stack([number, -number], axis=1)),
-        action=jnp.asarray(number, jnp.int32) % 9,
-        reward=jnp.asarray(number * 0.5),
-        discount=jnp.asarray(number * 0.25),
-        next_features=jnp.asarray(np.stack([number + 0.125, -number - 0.125], axis=1)),
+        features=np.stack([number, -number], axis=1),
+        action=number.astype(np.int32) % 9,
+        reward=number * np.float32(0.5),
+        discount=number * np.float32(0.25),
+        next_features=np.stack([number + 0.125, -number - 0.125], axis=1).astype(np.float32),
     )
 
 
@@ -42,7 +41,7 @@ def check_against_list(capacity: int, masks: list[list[bool]]) -> None:
     written: list[int] = []
     number = 1
     for mask in masks:
-        memory = add(memory, numbered(number, len(mask)), jnp.array(mask))
+        memory = add(memory, numbered(number, len(mask)), np.array(mask))
         written += [number + i for i, kept in enumerate(mask) if kept]
         number += len(mask)
     expected = np.zeros((capacity, 2 * INPUTS + 3), np.float32)
@@ -53,9 +52,9 @@ def check_against_list(capacity: int, masks: list[list[bool]]) -> None:
     assert int(memory.filled) == min(len(written), capacity)
 
 
-# Few shapes, so that compilation does not dominate: batches smaller than, equal to, larger than
-# and not dividing the capacity.
-@pytest.mark.parametrize(("capacity", "batch"), [(7, 3), (8, 4), (5, 5), (3, 8), (1, 4), (6, 1)])
+# Few shapes, so that compilation does not dominate: batches that divide the capacity, do not, and
+# are larger.
+@pytest.mark.parametrize(("capacity", "batch"), [(7, 3), (8, 4), (3, 8)])
 @given(data=st.data())
 @settings(max_examples=25, deadline=None)
 def test_equals_a_list(capacity, batch, data):
@@ -63,54 +62,31 @@ def test_equals_a_list(capacity, batch, data):
     check_against_list(capacity, data.draw(st.lists(mask, max_size=8)))
 
 
-def test_wraps_inside_one_batch():
-    check_against_list(5, [[True] * 4, [True, False, True, True]])
-
-
-def test_equals_a_list_inside_a_compiled_loop():
-    masks = np.random.default_rng(0).random((40, 4)) < 0.6
-    batches = jax.tree.map(
-        lambda *leaves: jnp.stack(leaves), *[numbered(4 * i, 4) for i in range(40)]
-    )
-
-    @jax.jit
-    def run(memory):
-        return jax.lax.scan(lambda m, x: (replay.add(m, *x), None), memory, (batches, masks))[0]
-
-    memory = run(replay.empty(11, INPUTS))
-    written = np.flatnonzero(masks.ravel())
-    expected = np.zeros((11, 2 * INPUTS + 3), np.float32)
-    for i, item in enumerate(written):
-        expected[i % 11] = row(float(item))
-    np.testing.assert_array_equal(memory.rows, expected)
-
-
 def test_sample_returns_whole_transitions_of_the_filled_part_only():
-    memory = add(replay.empty(10, INPUTS), numbered(1, 4), jnp.array([True, False, True, True]))
-    drawn = sample(memory, jax.random.key(0), 200)
+    memory = add(replay.empty(8, INPUTS), numbered(1, 4), np.array([True, False, True, True]))
+    drawn = sample(memory, jax.random.key(0), 8000)
     numbers = np.asarray(drawn.features[:, 0])
     assert set(numbers) == {1.0, 3.0, 4.0}
-    for got, i in zip(np.asarray(replay._pack(drawn, jnp.float32)), numbers, strict=True):
-        np.testing.assert_array_equal(got, row(i))
-    assert drawn.action.dtype == jnp.int32
+    columns = np.column_stack(
+        [drawn.features, drawn.action, drawn.reward, drawn.discount, drawn.next_features]
+    )
+    np.testing.assert_array_equal(columns, [row(number) for number in numbers])
+    assert drawn.action.dtype == np.int32
 
 
-def test_sample_is_uniform_over_a_wrapped_buffer():
+def test_sample_is_uniform_over_a_wrapped_buffer_and_differs_by_key():
     memory = replay.empty(8, INPUTS)
     for i in range(4):
-        memory = add(memory, numbered(4 * i + 1, 4), jnp.ones(4, bool))
-    numbers = np.asarray(sample(memory, jax.random.key(1), 8000).features[:, 0])
+        memory = add(memory, numbered(4 * i + 1, 4), np.ones(4, bool))
+    numbers, again, other = (
+        np.asarray(sample(memory, jax.random.key(key), 8000).features)[:, 0] for key in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(numbers, again)
+    assert not np.array_equal(numbers, other)
     values, counts = np.unique(numbers, return_counts=True)
     np.testing.assert_array_equal(values, np.arange(9, 17))
     # 1,000 expected each, standard deviation 30: six of them.
     assert np.abs(counts - 1000).max() < 180
-
-
-def test_sample_differs_by_key_and_repeats_by_key():
-    memory = add(replay.empty(64, INPUTS), numbered(0, 64), jnp.ones(64, bool))
-    first, again, other = (sample(memory, jax.random.key(k), 32).features for k in (0, 0, 1))
-    np.testing.assert_array_equal(first, again)
-    assert not np.array_equal(first, other)
 
 
 @partial(jax.jit, donate_argnums=0)

@@ -1,30 +1,13 @@
 """Exploration: how often to act at random, and acting so."""
 
-from collections.abc import Callable
-
 import jax
 import jax.numpy as jnp
 
 from lanewise.learning.settings import ExplorationSettings
 
 
-def _linear(progress: jax.Array) -> jax.Array:
-    return 1.0 - jnp.minimum(progress, 1.0)
-
-
-def _exponential(progress: jax.Array) -> jax.Array:
-    return jnp.exp(-progress)
-
-
-_REMAINING: dict[str, Callable[[jax.Array], jax.Array]] = {
-    "linear": _linear,
-    "exponential": _exponential,
-}
-"""Share of (start - end) that is left at a progress of steps / settings.steps."""
-
-
 def epsilon(settings: ExplorationSettings, steps: jax.Array) -> jax.Array:
-    """Probability of a random action after a number of environment steps.
+    """Probability of a random action after a number of environment steps, float32 [...].
 
     linear: start + (end - start) * min(steps / T, 1);
     exponential: end + (start - end) * exp(-steps / T), with T = ``settings.steps``.
@@ -32,12 +15,12 @@ def epsilon(settings: ExplorationSettings, steps: jax.Array) -> jax.Array:
     Args:
         settings: The schedule.
         steps: [...] steps so far, counted as ``settings.counted`` says (the caller counts).
-
-    Returns:
-        [...] float32 probability.
     """
     progress = jnp.asarray(steps, jnp.float32) / settings.steps
-    remaining = _REMAINING[settings.schedule](progress)
+    if settings.schedule == "linear":
+        remaining = 1.0 - jnp.minimum(progress, 1.0)
+    else:
+        remaining = jnp.exp(-progress)
     return settings.end + (settings.start - settings.end) * remaining
 
 

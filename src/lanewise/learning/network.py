@@ -16,12 +16,6 @@ def init(key: jax.Array, inputs: int, hidden: tuple[int, ...], outputs: int) -> 
     Source: the default of ``torch.nn.Linear``, weights and biases alike, which is what
     Stable-Baselines3 and hence most published DQN results start from.
 
-    Args:
-        key: Random key.
-        inputs: Number of features F.
-        hidden: Widths of the hidden layers, possibly none.
-        outputs: Number of actions A.
-
     Returns:
         float32 parameters of ``len(hidden) + 1`` layers.
     """
@@ -31,25 +25,18 @@ def init(key: jax.Array, inputs: int, hidden: tuple[int, ...], outputs: int) -> 
     for layer_key, (fan_in, fan_out) in zip(layer_keys, pairwise(widths), strict=True):
         weights_key, biases_key = jax.random.split(layer_key)
         bound = 1.0 / math.sqrt(fan_in)
-        weights = jax.random.uniform(
-            weights_key, (fan_in, fan_out), jnp.float32, minval=-bound, maxval=bound
-        )
-        biases = jax.random.uniform(
-            biases_key, (fan_out,), jnp.float32, minval=-bound, maxval=bound
+        weights, biases = (
+            jax.random.uniform(part_key, shape, jnp.float32, minval=-bound, maxval=bound)
+            for part_key, shape in ((weights_key, (fan_in, fan_out)), (biases_key, (fan_out,)))
         )
         layers.append((weights, biases))
     return tuple(layers)
 
 
 def q_values(parameters: Parameters, features: jax.Array) -> jax.Array:
-    """Q-values of every action, with ReLU between the layers and none after the last.
+    """Q-values of every action [..., A], with ReLU between the layers and none after the last.
 
-    Args:
-        parameters: As from ``init``.
-        features: [..., F].
-
-    Returns:
-        [..., A], in the precision of the parameters.
+    They have the precision of the parameters.
     """
     *hidden_layers, last_layer = parameters
     activation = features

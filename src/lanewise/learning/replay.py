@@ -50,26 +50,16 @@ class Replay:
 
 
 def empty(capacity: int, inputs: int) -> Replay:
-    """A replay memory without transitions.
-
-    Args:
-        capacity: Transitions kept.
-        inputs: Number of features F.
-    """
+    """A replay memory for ``capacity`` transitions of F inputs, with none yet."""
     rows = jnp.zeros((capacity, 2 * inputs + _SCALARS), jnp.float32)
     return Replay(rows=rows, position=jnp.zeros((), jnp.int32))
 
 
 def add(replay: Replay, batch: Transition, mask: jax.Array) -> Replay:
-    """Writes the masked transitions of a batch, in order, without gaps between them.
+    """Writes the masked ([B] bool) of B transitions, in order, without gaps between them.
 
-    Args:
-        replay: Memory to write to; inside a compiled loop it is updated in place.
-        batch: B transitions.
-        mask: [B] bool, which of them to write.
-
-    Returns:
-        The memory after writing. Where more than ``capacity`` are masked, the last ones stay.
+    Where more than ``capacity`` are masked, the last ones stay. Inside a compiled loop the memory
+    is updated in place.
     """
     rows = _pack(batch, replay.rows.dtype)
     ordinal = jnp.cumsum(mask, dtype=jnp.int32)  # 1 for the first one written, 2 for the second …
@@ -84,18 +74,10 @@ def add(replay: Replay, batch: Transition, mask: jax.Array) -> Replay:
 
 
 def sample(replay: Replay, key: jax.Array, batch: int) -> Transition:
-    """Draws transitions uniformly and with replacement from the filled part.
+    """Draws ``batch`` transitions uniformly and with replacement from the filled part.
 
     Drawing without replacement would sort the whole memory; with thousands of rows a batch rarely
-    holds one twice.
-
-    Args:
-        replay: Memory with at least one transition; an empty one yields zeros.
-        key: Random key.
-        batch: Number of transitions B (static).
-
-    Returns:
-        B transitions.
+    holds one twice. An empty memory yields zeros.
     """
     index = jax.random.randint(key, (batch,), 0, jnp.maximum(replay.filled, 1), jnp.int32)
     return _unpack(replay.rows[index])
@@ -108,7 +90,6 @@ def _pack(batch: Transition, dtype: jnp.dtype) -> jax.Array:
 
 
 def _unpack(rows: jax.Array) -> Transition:
-    """Rows [B, 2F + 3] as transitions."""
     inputs = (rows.shape[-1] - _SCALARS) // 2
     return Transition(
         features=rows[:, :inputs],
