@@ -1,6 +1,8 @@
 """The same seed gives the same bytes whatever JAX's switches say, and leaves them as they were."""
 
+import re
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 import gymnasium
 import jax
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 import small_runs
 
+import lanewise
 from lanewise import config
 from lanewise.envs import functional
 from lanewise.scenario import trap
@@ -38,6 +41,23 @@ SWITCHES = {
     "jax_debug_key_reuse": lambda: jax.debug_key_reuse(True),
     "jax_disable_jit": lambda: jax.disable_jit(True),
 }
+
+
+@pinned.jit()
+def computed(seed):
+    """Something of each kind that a switch changes: keys, draws, types, shapes, products."""
+    key = pinned.key(seed)
+    drawn = jax.random.normal(key, (3, 4)) + jax.random.normal(key, (3, 4))
+    assert jnp.zeros(()).dtype == jnp.float32
+    return drawn @ drawn.T + jnp.arange(3) * seed
+
+
+def small():
+    return np.asarray(computed(jnp.int32(3)))
+
+
+def started():
+    return np.asarray(jax.random.key_data(trap.start_key(11, "test", 4)))
 
 
 def single():
@@ -75,14 +95,6 @@ def trained():
     return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(state.learners)])
 
 
-def started():
-    return np.asarray(jax.random.key_data(trap.start_key(11, "test", 4)))
-
-
-ALL = [name for name in SWITCHES if name != "jax_disable_jit"]
-"""But for the one without which nothing is compiled."""
-
-
 def check(names, finders):
     """What is found with these switches is what is found without."""
     expected = {find: find() for find in finders}
@@ -97,11 +109,30 @@ def check(names, finders):
             np.testing.assert_array_equal(found[find], numbers, err_msg=find.__name__)
 
 
-def test_switches_of_jax_change_nothing():
-    check(ALL, (single, trained, started))
+@pytest.mark.parametrize("name", SWITCHES)
+def test_a_switch_of_jax_changes_nothing(name):
+    check([name], (small, started))
+
+
+def test_every_program_is_compiled_by_pinned():
+    """So that what holds for a small one holds for all; but for benchmarks, and what `pinned`
+    code alone calls.
+    """
+    package = Path(lanewise.__file__).parent
+    sources = {path.relative_to(package): path.read_text() for path in package.rglob("*.py")}
+    compiling = {str(path) for path, text in sources.items() if re.search(r"\bjax\.jit\b", text)}
+    assert sum("pinned.jit" in text for text in sources.values()) > 5
+    called = {"driving/task_functions.py", "world/materialize.py"}
+    assert compiling == {"system/pinned.py", "bench/workloads.py", *called}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SWITCHES)
-def test_each_switch_of_jax_changes_nothing(name):
-    check([name], (single, several, pure, trained, started))
+def test_all_switches_together_change_nothing_in_what_users_call():
+    """Without the one by which nothing is compiled."""
+    names = [name for name in SWITCHES if name != "jax_disable_jit"]
+    check(names, (single, several, pure, trained))
+
+
+@pytest.mark.slow
+def test_what_users_call_is_the_same_where_nothing_is_compiled():
+    check(["jax_disable_jit"], (single, several, pure))
