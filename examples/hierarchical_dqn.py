@@ -7,7 +7,7 @@ step 1: the high level learns, while a rule-based planner drives to its goals;
 step 2: the high level is frozen, and a low level learns in the planner's place.
 
 The road, its traffic and the planner are the library's, and the settings those of preset ``quick``.
-`tests/training/test_hierarchical_dqn.py` shows that the first updates equal the library's.
+`tests/training/test_first_updates.py` shows that the first updates equal the library's.
 
     python examples/hierarchical_dqn.py --seed 0
 """

@@ -62,7 +62,7 @@ def test_stable_baselines3_has_nothing_to_say(name):
 
 def test_every_example_is_tested_and_described():
     files = {file.stem for file in HERE.glob("*.py")} - {"record", Path(__file__).stem}
-    # `hierarchical_dqn` needs no other library: tests/training/test_hierarchical_dqn.py.
+    # `hierarchical_dqn` needs no other library: tests/training/test_first_updates.py.
     assert files == {*LEARNERS, "highway_env_quick_start", "hierarchical_dqn"}
     page = (HERE / "README.md").read_text()
     assert all(f"{name}.py" in page for name in files)

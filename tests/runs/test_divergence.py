@@ -12,7 +12,7 @@ from lanewise.cli.main import main
 from lanewise.driving import reward
 from lanewise.errors import NumbersError, RunError
 from lanewise.runs import checkpoint, divergence, metrics_file, training_loop
-from lanewise.training import findings
+from lanewise.training.finite_checks import Finding
 
 FLAGS = small_runs.flags(chunks=5)
 
@@ -143,4 +143,4 @@ def test_nothing_to_see_where_nothing_went_wrong(tmp_path):
 
 def test_every_finding_has_its_advice():
     every = set(divergence.ADVICE) - {"validation"}
-    assert len({findings.Finding(what, "q").said(0, 1) for what in every}) == 6
+    assert len({Finding(what, "q").said(0, 1) for what in every}) == 6

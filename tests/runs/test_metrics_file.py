@@ -176,10 +176,11 @@ def test_where_epsilon_has_settled(epsilon, first):
 
 
 def stored(folder, records):
+    """The length of a metrics file with these records."""
     with MetricsWriter(folder / "metrics.jsonl") as writer:
         for record in records:
             writer.append(record)
-        writer.sync()
+        return writer.sync()
 
 
 def rows(path):
@@ -205,8 +206,8 @@ def test_tables(tmp_path):
     kept = tmp_path / "backup.csv"
     kept.write_text("precious")
     os.link(kept, tmp_path / "chunks.csv")
-    stored(tmp_path, [EPISODE, chunk(1)])
-    with MetricSinks(OpenFolder(tmp_path), tensorboard=False) as sinks:
+    length = stored(tmp_path, [EPISODE, chunk(1)])
+    with MetricSinks(OpenFolder(tmp_path), length, tensorboard=False) as sinks:
         sinks.append(chunk(2, validation_reward=3.5))
         sinks.append(EPISODE | {"stage": "step-2"})
     assert [row["stage"] for row in rows(tmp_path / "episodes.csv")] == ["step-1", "step-2"]
@@ -219,12 +220,12 @@ def test_tables(tmp_path):
 
 
 def test_events_after_a_kill_hold_nothing_that_was_undone(tmp_path):
-    stored(tmp_path, [chunk(1)])
-    with MetricSinks(OpenFolder(tmp_path), tensorboard=True) as sinks:
+    length = stored(tmp_path, [chunk(1)])
+    with MetricSinks(OpenFolder(tmp_path), length, tensorboard=True) as sinks:
         sinks.append(chunk(2))
     assert {step for _, step, _ in scalars(tmp_path / "tensorboard")} == {100, 200}
     # The metrics file was cut to its first line; the run goes on with its events unasked.
-    with MetricSinks(OpenFolder(tmp_path), tensorboard=False) as sinks:
+    with MetricSinks(OpenFolder(tmp_path), length, tensorboard=False) as sinks:
         sinks.append(chunk(2, reward=9.0))
     found = scalars(tmp_path / "tensorboard")
     assert sorted(s for s in found if s[0] == "step-1/reward_one_a_decision") == [
@@ -236,7 +237,7 @@ def test_events_after_a_kill_hold_nothing_that_was_undone(tmp_path):
 
 def test_without_tensorboardx(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "tensorboardX", None)
-    stored(tmp_path, [])
+    length = stored(tmp_path, [])
     with pytest.raises(LanewiseError, match=r"pip install \"\.\[tensorboard\]\" in your clone"):
-        MetricSinks(OpenFolder(tmp_path), tensorboard=True)
+        MetricSinks(OpenFolder(tmp_path), length, tensorboard=True)
     assert metric_sinks.TABLES.keys() <= metrics_file.COLUMNS.keys()

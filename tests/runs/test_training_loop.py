@@ -109,16 +109,16 @@ def test_what_is_told_of_kept_weights_is_true_of_the_controller(whole):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_within_a_chunk_waits_for_its_end(tmp_path, whole, monkeypatch, number):
     """There the chunk's old state is consumed already, and its metrics are not yet written."""
-    path, booked, reporter = tmp_path / "run", trainer._counted, Quiet()
+    path, validate, reporter = tmp_path / "run", trainer._validate, Quiet()
     before = signal.getsignal(number)
 
-    def interrupted(plan, counters, lines):
-        if counters.chunks == 1:
+    def interrupted(plan, frozen, progress):
+        if progress.counters.chunks == 2:
             os.kill(os.getpid(), number)
-        return booked(plan, counters, lines)
+        return validate(plan, frozen, progress)
 
     with monkeypatch.context() as patch, create(path) as folder:
-        patch.setattr(trainer, "_counted", interrupted)
+        patch.setattr(trainer, "_validate", interrupted)
         with pytest.raises(KeyboardInterrupt):
             small_runs.train(folder, reporter)
     assert reporter.notes == ["stopping: this chunk is finished and saved first"]

@@ -1,21 +1,35 @@
-"""Training computes what it computed when its results were stored; `first_updates.py` says more."""
+"""Training computes what it computed when its results were stored (`first_updates.py` says more).
 
+So does the one-file example, with the library's random numbers.
+"""
+
+import importlib.util
 import json
+from pathlib import Path
 
 import first_updates
+import jax
+import numpy as np
 import pytest
 
+from lanewise import config
+from lanewise.evaluation import evaluator
+from lanewise.runs.training_loop import STAGE_STREAM
 from lanewise.system import version
+from lanewise.training import recipe, stage
 
 TOLERANCE = 0.02
 """Relative. Code for a processor without fused multiply-add stays within half of it."""
-QUICK = ("step-1", "single-level")
+EXAMPLE = Path(__file__).parents[2] / "examples" / "hierarchical_dqn.py"
+SEED = 1
+UPDATES = 76
+"""In a stage's first chunk."""
 
 
 @pytest.mark.parametrize(
     "arm",
     [
-        pytest.param(arm, marks=() if arm in QUICK else pytest.mark.slow)
+        pytest.param(arm, marks=() if arm == "step-1" else pytest.mark.slow)
         for arm in first_updates.ARMS
     ],
 )
@@ -33,6 +47,8 @@ def test_a_difference_is_named(changed):
 
 def differences(stored, found, place=""):
     """Where two results differ by more than the tolerance, or in form."""
+    if isinstance(stored, list) and isinstance(found, list):
+        stored, found = dict(enumerate(stored)), dict(enumerate(found))
     if isinstance(stored, dict):
         if stored.keys() != found.keys():
             return [place]
@@ -41,14 +57,40 @@ def differences(stored, found, place=""):
             for name in stored
             for each in differences(stored[name], found[name], f"{place}/{name}".lstrip("/"))
         ]
-    if isinstance(stored, list):
-        if len(stored) != len(found):
-            return [place]
-        pairs = enumerate(zip(stored, found, strict=True))
-        return [
-            each
-            for number, (one, other) in pairs
-            for each in differences(one, other, f"{place}/{number}")
-        ]
     close = found == stored or abs(found - stored) <= TOLERANCE * abs(stored)
     return [] if close else [place]
+
+
+@pytest.mark.slow
+def test_a_short_training_of_the_example_and_its_test_equal_the_library(capsys):
+    """One chunk of both steps."""
+    spec = importlib.util.spec_from_file_location(EXAMPLE.stem, EXAMPLE)
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    levels, decisions = ("high_level", "low_level"), stage.CHUNK * 32
+    decay = {f"{level}.learner.learning_rate_decay": decisions // 8 for level in levels}
+    settings, frozen = config.compose(flags=decay), {}
+    for number, level in enumerate(levels):
+        course = recipe.stage_config(settings, recipe.RECIPES["hierarchical"][number])
+        key = jax.random.fold_in(jax.random.key(SEED), STAGE_STREAM + number)
+        state, _ = stage.advance(course, frozen, stage.begin(course, frozen, key))
+        assert state.learners[level].updates == UPDATES
+        frozen = frozen | stage.online(state.learners)
+    course = recipe.evaluation_config(settings, "hierarchical")
+    tested = evaluator.evaluate(course, frozen, SEED, example.TEST_EPISODES)
+
+    ours = example.main(seed=SEED, decisions=(decisions, decisions))
+
+    for one, other in zip(
+        jax.tree.leaves(ours), jax.tree.leaves([frozen[level] for level in levels]), strict=True
+    ):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-5)
+    accidents, reward = np.mean(tested.accident > 0), tested.accumulated_reward.mean()
+    *_, last = capsys.readouterr().out.splitlines()
+    assert last == (
+        f"test: {tested.success.mean():.1%} success, {accidents:.1%} accidents, reward {reward:.2f}"
+    )
+
+
+def test_the_example_is_short_enough_to_be_read():
+    assert len(EXAMPLE.read_text("utf-8").splitlines()) <= 350

@@ -1,8 +1,9 @@
 """The transitions of a training drive, booked a second time in plain Python."""
 
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -13,8 +14,9 @@ from lanewise.controllers.controller import Feedback
 from lanewise.controllers.hierarchical import Hierarchical
 from lanewise.controllers.settings import GoalSettings
 from lanewise.controllers.single_level import SingleLevel
-from lanewise.driving import episode
+from lanewise.driving import episode, percept
 from lanewise.driving.settings import DrivingSettings
+from lanewise.driving.task_functions import PAPER_TASK
 from lanewise.learning import network
 from lanewise.learning.settings import LearnerSettings
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
@@ -27,6 +29,20 @@ EMPTY = TrapSettings(traffic=TrafficSettings(vehicles_ahead=0))
 FASTER = 7
 GAMMA = 0.8
 REACHED = 12.0
+TASK = replace(PAPER_TASK, start=jax.jit(PAPER_TASK.start, static_argnums=(0, 2)))
+WORLD = SimpleNamespace(
+    begin=jax.jit(episode.begin), step=jax.jit(episode.step, static_argnums=(0, 4))
+)
+"""The same for all drives; what is different in each would take long to compile and is not."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def compiled_world():
+    perceive = jax.jit(percept.perceive, static_argnums=(0, 2))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rollout, "episode", WORLD)
+        patch.setattr(rollout, "percept", SimpleNamespace(perceive=perceive))
+        yield
 
 
 @dataclass(frozen=True)
@@ -74,38 +90,39 @@ class Every:
         return None
 
 
-def course_of(action=FASTER, duration=250, **level):
-    level_settings = LevelSettings(learner=LearnerSettings(discount=GAMMA), **level)
+def config_of(controller, *learning, duration=250):
     return StageConfig(
-        EMPTY, DRIVING, Every(action), BudgetSettings(duration=duration), (("q", level_settings),)
+        EMPTY, DRIVING, controller, BudgetSettings(duration=duration), learning, task=TASK
     )
 
 
-def parameters_of(config, hidden=(8,)):
-    level = config.level("q")
-    return network.init(jax.random.key(1), level.feature_count, hidden, level.choice_count)
+def course_of(duration=250, **level):
+    level_settings = LevelSettings(learner=LearnerSettings(discount=GAMMA), **level)
+    return config_of(Every(FASTER), ("q", level_settings), duration=duration)
 
 
-BEGIN = jax.jit(rollout.begin, static_argnums=0)
-STEP = jax.jit(rollout.step, static_argnums=0)
+NETWORKS = {
+    name: network.init(jax.random.key(number), inputs, (8,), choices)
+    for number, (name, inputs, choices) in enumerate(
+        [("q", 4, 5), ("single_level", 26, 9), ("high_level", 26, 9), ("low_level", 28, 9)], 1
+    )
+}
 
 
-def drive(config, parameters, decisions, epsilon):
-    """(the first world, then per decision: the world, what each level emits, the stats)."""
-    first = state = BEGIN(config, parameters, jax.random.key(5))
+@cache
+def drive(config, decisions=16, epsilon=0.0):
+    """(the first world, (per decision: the world, what each level emits, the stats))."""
+    first = state = rollout.begin(config, NETWORKS, jax.random.key(5))
     everywhere = {name: jnp.float32(epsilon) for name, _ in config.learning}
     rows = []
     for key in jax.random.split(jax.random.key(6), decisions):
         key, start_key = jax.random.split(key)
-        state, emitted = STEP(config, parameters, state, everywhere, key)
+        state, emitted = rollout.step(config, NETWORKS, state, everywhere, key)
         stats = state.episode.stats
         if stats.outcome.over:
-            state = BEGIN(config, parameters, start_key)
+            state = rollout.begin(config, NETWORKS, start_key)
         rows.append((state, emitted, stats))
     return first, jax.tree.map(lambda *leaves: np.stack(leaves), *jax.device_get(rows))
-
-
-EPISODE_STEP = jax.jit(partial(episode.step, DRIVING), static_argnums=2)
 
 
 def features_at(state, count):
@@ -131,7 +148,7 @@ def plain_episode(config, first):
         seen.append(features_at(state, len(rewards)))
         action = jnp.int32(config.controller.action)
         before = float(state.world.vehicles.speed[0])
-        state = EPISODE_STEP(state, action, config.budget.duration)
+        state = WORLD.step(DRIVING, state, action, config.budget.duration, TASK)
         rewards.append(
             pay(level_settings, state.outcome, before, float(state.world.vehicles.speed[0]))
         )
@@ -190,21 +207,10 @@ VARIANTS = [
 ]
 
 
-QUICK = (0, 5)
-"""One of each discount across goals; the other variants are slow tests."""
-
-
-@pytest.mark.parametrize(
-    "variant",
-    [
-        pytest.param(variant, id=str(number), marks=() if number in QUICK else pytest.mark.slow)
-        for number, variant in enumerate(VARIANTS)
-    ],
-)
+@pytest.mark.parametrize("variant", VARIANTS, ids=range(len(VARIANTS)))
 def test_transitions_are_those_of_the_plain_books(variant):
     config = course_of(**variant)
-    parameters = {"q": parameters_of(config)}
-    first, (worlds, emitted, stats) = drive(config, parameters, 16, 0.0)
+    first, (worlds, emitted, stats) = drive(config)
     expected, length, terminated = booked(config, first)
     assert terminated == (variant["duration"] == 40)
     assert length < 16
@@ -216,7 +222,7 @@ def test_transitions_are_those_of_the_plain_books(variant):
         for name, value in wanted.items():
             got = getattr(transition, name)
             np.testing.assert_allclose(got, value, rtol=1e-4, atol=1e-4, err_msg=f"{name} at {at}")
-        values = network.q_values(parameters["q"], transition.features)
+        values = network.q_values(NETWORKS["q"], transition.features)
         assert int(transition.action) == int(np.argmax(values))
     # The episode that follows is a fresh one, and the last transition saw nothing of it.
     fresh = jax.tree.map(lambda leaf: leaf[length - 1], worlds)
@@ -230,17 +236,17 @@ def test_transitions_are_those_of_the_plain_books(variant):
 def test_some_goals_are_reached_and_some_are_not():
     """So that the variant paid for goals tells something."""
     config = course_of(**VARIANTS[-1])
-    first, _ = drive(config, {"q": parameters_of(config)}, 16, 0.0)
+    first, _ = drive(config)
     rewards = plain_episode(config, first)[1]
     assert {0.0, 2.0} <= set(rewards)
 
 
 def test_stats_episodes_carry_the_sums_of_the_plain_drive():
     config = course_of(**VARIANTS[1])
-    first, (_, _, stats) = drive(config, {"q": parameters_of(config)}, 16, 0.0)
+    first, (_, _, stats) = drive(config)
     state, rewards, speeds = first.episode, [], []
     for _ in range(7):
-        state = EPISODE_STEP(state, jnp.int32(FASTER), 7)
+        state = WORLD.step(DRIVING, state, jnp.int32(FASTER), 7, TASK)
         outcome = state.outcome
         rewards.append(float(outcome.reward))
         speeds.append(float(state.world.vehicles.speed[0]))
@@ -257,19 +263,10 @@ def test_stats_episodes_carry_the_sums_of_the_plain_drive():
     assert float(stats.speed_sum[at]) == pytest.approx(sum(speeds), rel=1e-5)
 
 
-TWO_LEVELS = {
-    "high_level": network.init(jax.random.key(3), 26, (8,), 9),
-    "low_level": network.init(jax.random.key(4), 28, (8,), 9),
-}
-
-
 def two_level_drive(*learning):
     """Sixty decisions of the hierarchical controller while the given levels learn."""
-    goals = GoalSettings(time_limit=2.0)
-    config = StageConfig(
-        EMPTY, DRIVING, Hierarchical(DRIVING, goals, "critic"), BudgetSettings(), learning
-    )
-    first, rest = drive(config, TWO_LEVELS, 60, 0.3)
+    config = config_of(Hierarchical(DRIVING, GoalSettings(time_limit=2.0), "critic"), *learning)
+    first, rest = drive(config, 60, 0.3)
     return config, first, *rest
 
 
@@ -334,16 +331,13 @@ def test_when_both_levels_learn_the_low_level_is_judged_by_the_goal_it_acted_for
 
 def test_the_two_levels_explore_by_themselves():
     """At epsilon 1 the choices of neither level can be told from those of the other."""
-    level_settings = (("high_level", LevelSettings()), ("low_level", LevelSettings()))
-    config = StageConfig(
-        EMPTY,
-        DRIVING,
-        Hierarchical(DRIVING, GoalSettings(time_limit=0.5), "decision"),
-        BudgetSettings(),
-        level_settings,
-    )
-    _, (_, emitted, _) = drive(config, TWO_LEVELS, 400, 1.0)
-    high, low = (np.asarray(emitted[name].transitions.action)[:, 0] for name, _ in level_settings)
+    learning = (("high_level", LevelSettings()), ("low_level", LevelSettings()))
+    config = config_of(Hierarchical(DRIVING, GoalSettings(), "critic"), *learning)
+    first = rollout.begin(config, NETWORKS, jax.random.key(5))
+    always = {name: jnp.float32(1.0) for name, _ in learning}
+    choose = jax.vmap(lambda key: rollout._choose(config, NETWORKS, first, always, key)[0])
+    pending = jax.jit(choose)(jax.random.split(jax.random.key(6), 400))
+    high, low = (np.asarray(pending[name].choice)[:, 0] for name, _ in learning)
     counts = np.histogram2d(high, low, bins=9)[0]
     # Chi-square of independence with 64 degrees of freedom: mean 64, standard deviation 11.3.
     expected = np.outer(counts.sum(1), counts.sum(0)) / counts.sum()
@@ -352,11 +346,8 @@ def test_the_two_levels_explore_by_themselves():
 
 def test_a_held_choice_is_one_transition():
     level_settings = LevelSettings(discount_across_goal="per-decision")
-    config = StageConfig(
-        EMPTY, DRIVING, SingleLevel(hold=4), BudgetSettings(), (("single_level", level_settings),)
-    )
-    parameters = {"single_level": network.init(jax.random.key(2), 26, (8,), 9)}
-    _, (worlds, emitted, stats) = drive(config, parameters, 40, 0.5)
+    config = config_of(SingleLevel(hold=4), ("single_level", level_settings))
+    _, (worlds, emitted, stats) = drive(config, 40, 0.5)
     flat = emitted["single_level"]
     decisions = np.asarray(worlds.episode.stats.decisions)
     complete = np.asarray(flat.complete)[:, 0]
@@ -374,8 +365,7 @@ def test_a_held_choice_is_one_transition():
 
 
 def test_the_next_decision_starts_from_the_features_the_last_one_led_to():
-    config = course_of(**VARIANTS[1])
-    _, (_, emitted, stats) = drive(config, {"q": parameters_of(config)}, 16, 0.0)
+    _, (_, emitted, stats) = drive(course_of(**VARIANTS[1]))
     at = np.flatnonzero(emitted["q"].complete[:, 0])
     at = at[at <= np.argmax(stats.outcome.over)]
     assert len(at) == 3

@@ -24,7 +24,8 @@ from lanewise.learning.learner import Learner
 from lanewise.learning.replay import Replay, Transition
 from lanewise.learning.settings import LearnerSettings
 from lanewise.training import multi_seed, recipe, stage, trainer
-from lanewise.training.trainer import StagePlan, StageProgress
+from lanewise.training.selection import StageProgress
+from lanewise.training.trainer import StagePlan
 
 Timed = Callable[[], dict[str, Any]]
 CHUNK = 50

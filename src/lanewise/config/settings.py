@@ -1,70 +1,8 @@
-"""Every setting of a run, and the presets that change them. Imports no JAX."""
+"""The presets that change the settings of a run. Imports no JAX."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
-from lanewise.controllers.settings import GoalSettings, PlannerSettings, SearchSettings
-from lanewise.driving.settings import DrivingSettings
-from lanewise.evaluation.settings import EvaluationSettings
-from lanewise.learning.settings import LearnerSettings
-from lanewise.scenario.settings import TrapSettings
-from lanewise.training.settings import (
-    HDQNSettings,
-    LevelSettings,
-    SingleLevelSettings,
-    StageSettings,
-)
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Every setting of a run."""
-
-    scenario: TrapSettings = field(default_factory=TrapSettings)
-    """Who stands where at the start, and who drives how."""
-    driving: DrivingSettings = field(default_factory=DrivingSettings)
-    """The decision process around the ego."""
-    goals: GoalSettings = field(default_factory=GoalSettings)
-    """What the high level may ask for."""
-    planner: PlannerSettings = field(default_factory=PlannerSettings)
-    """The rule-based planner of step 1."""
-    search: SearchSettings = field(default_factory=SearchSettings)
-    """The search over the nine actions, a reference."""
-    evaluation: EvaluationSettings = field(default_factory=EvaluationSettings)
-    """How controllers are tested, and how weights are chosen."""
-    single_level: SingleLevelSettings = field(
-        default_factory=lambda: SingleLevelSettings(
-            decisions=360_000, learner=LearnerSettings(learning_rate_decay=45_000)
-        )
-    )
-    """Training of the single-level controller, with the budget of both steps together."""
-    high_level: StageSettings = field(
-        default_factory=lambda: StageSettings(learner=LearnerSettings(learning_rate_decay=15_000))
-    )
-    """Step 1: training of the high level above the planner."""
-    low_level: StageSettings = field(
-        default_factory=lambda: StageSettings(
-            decisions=240_000,
-            duration=60,
-            tracking_weight=1.0,
-            learner=LearnerSettings(learning_rate_decay=30_000),
-        )
-    )
-    """Step 2: training of the low level below the frozen high level."""
-    h_dqn: HDQNSettings = field(
-        default_factory=lambda: HDQNSettings(
-            decisions=360_000,
-            high_level=LevelSettings(learner=LearnerSettings(learning_rate_decay=45_000)),
-            low_level=LevelSettings(
-                external_weight=0.0,
-                goal_reward=1.0,
-                goal_end="terminal",
-                learner=LearnerSettings(discount=0.95, learning_rate_decay=45_000),
-            ),
-        )
-    )
-    """h-DQN: both levels together, with the budget of both steps."""
-
+from lanewise.training.settings import Settings as Settings
 
 ONE_LEVEL_STAGES = ("single_level", "high_level", "low_level")
 """Stages in which one level learns."""

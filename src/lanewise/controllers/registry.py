@@ -97,7 +97,7 @@ WITH_STEP_1 = tuple(name for name, spec in CONTROLLERS.items() if spec.has_step_
 
 
 def make(name: str, settings: Any, renewal: str, observed: int) -> Any:
-    """The controller of a name, made by its class from `lanewise.config.settings.Settings`.
+    """The controller of a name, made by its class from `lanewise.training.settings.Settings`.
 
     ``renewal`` says when goals are renewed, see `GoalSettings`; an observation has ``observed``
     numbers.

@@ -75,8 +75,8 @@ def save(
         tree: a pytree of arrays and random keys.
         meta: anything JSON can hold.
         settings_digest: digest of the settings they belong to.
-        keep: afterwards, `prune` all but this many checkpoints; None keeps all.
-        unusable: names of damaged checkpoints, for `prune`.
+        keep: afterwards, `prune` with this and ``unusable``; None keeps all.
+        unusable: names of damaged checkpoints.
 
     Raises:
         RunError: an open directory is no longer where it was; nothing is written.
@@ -140,21 +140,13 @@ def load(
 
 
 def read_meta(directory: Path, name: str, settings_digest: str | None = None) -> dict[str, Any]:
-    """The ``meta`` of what is stored under a name; reads no array.
-
-    Raises:
-        CheckpointError: the manifest is missing, damaged, or of other settings.
-    """
+    """The ``meta`` of what is stored under a name; reads no array, and raises as `load`."""
     meta: dict[str, Any] = _read_manifest(directory, name, settings_digest)["meta"]
     return meta
 
 
 def read_digest(directory: Path, name: str) -> str:
-    """SHA-256 of the file with the arrays, as its manifest has it.
-
-    Raises:
-        CheckpointError: as `read_meta`.
-    """
+    """SHA-256 of the file with the arrays, as its manifest has it; raises as `load`."""
     return str(_read_manifest(directory, name, None)["sha256"])
 
 
@@ -204,12 +196,7 @@ def newest_valid(
 
 
 def prune(directory: Path | OpenFolder, keep: int, unusable: Collection[str] = ()) -> None:
-    """Delete all but the newest checkpoints, and no other file.
-
-    Args:
-        directory: where.
-        keep: how many of the newest stay.
-        unusable: names of damaged ones, which are deleted and do not count.
+    """Delete all but the ``keep`` newest checkpoints, and no other file.
 
     Raises:
         RunError: an open directory is no longer where it was; nothing is deleted.

@@ -23,11 +23,11 @@ from lanewise.runs.run_folder import RunFolder
 from lanewise.system import pinned
 from lanewise.system.folder_io import write_atomically
 from lanewise.system.version import __version__
-from lanewise.training import findings, stage
-from lanewise.training.findings import Finding
+from lanewise.training import finite_checks, stage
+from lanewise.training.finite_checks import Finding
 from lanewise.training.plan import TrainingPlan
+from lanewise.training.selection import StageCounters, StageProgress
 from lanewise.training.stage import CHUNK, ChunkMetrics, StageState
-from lanewise.training.trainer import StageCounters, StagePlan, StageProgress
 
 FOLDER, BEFORE, FOUND = "diverged", "before", "found.json"
 _LEARNING_RATE = "a lower learner.learning_rate of {level} may help, in a new run"
@@ -49,9 +49,9 @@ class FirstNonfinite:
     """The first iteration of a chunk that left something behind that is not finite."""
 
     stage: str
-    """Name of the stage."""
+    """Its name."""
     chunk: int
-    """Number of the chunk, as in metrics."""
+    """Its number, as in metrics."""
     iteration: int
     """Of the chunk, from 1 on."""
     found: tuple[Finding, ...]
@@ -72,40 +72,37 @@ class FirstNonfinite:
 
 def save(
     folder: RunFolder,
+    training: TrainingPlan,
     index: int,
-    plan: StagePlan,
     frozen: Parameters,
     stored: StageProgress,
     reached: StageCounters,
     error: NumbersError,
 ) -> NumbersError:
-    """Keep what is needed to see a failure again.
+    """Keep what is needed to see a failure again; returns the error to show to the user.
 
     The chunk has consumed the state it began with. Chunks repeat to the bit, so the stage is
     driven there once more, from where the run would be resumed.
 
     Args:
         folder: the run.
+        training: its plan.
         index: number of the stage.
-        plan: the stage.
         frozen: parameters of levels that do not learn here.
         stored: the stage as its newest checkpoint holds it, or at its beginning; consumed.
         reached: the counters before the chunk that failed.
         error: what was found in that chunk.
-
-    Returns:
-        The error to show to the user.
     """
-    state = stored.state
+    plan, state = training.stages[index], stored.state
     for _ in range(reached.chunks - stored.counters.chunks):
         state, _ = stage.advance(plan.config, frozen, state)
     meta = {"stage": index, "chunks": reached.chunks, "message": str(error)}
     with folder.held.inside(FOLDER) as place:
         checkpoint.save(place, BEFORE, state, meta, folder.digest)
     _, metrics = stage.advance(plan.config, frozen, state)
-    again = [asdict(one) for one in findings.of(jax.device_get(metrics.finite))]
+    again = list(map(asdict, finite_checks.findings(jax.device_get(metrics.finite))))
     found, first = list(error.found), error.found[0]
-    about: dict[str, Any] = {
+    about = {
         "message": str(error),
         "stage": plan.name,
         "chunk": reached.chunks + 1,
@@ -163,11 +160,24 @@ def find_first_nonfinite(path: Path | str, task: TaskFunctions = PAPER_TASK) -> 
     iterate_once = pinned.jit()(partial(stage.iterate, plan.config, frozen, count=1))
     for iteration in range(1, CHUNK + 1):
         after, metrics = iterate_once(before)
-        found = findings.of(jax.device_get(metrics.finite))
-        if found:
-            since = replace(found[0], iteration=iteration)
-            every = (since, *found[1:])
-            return _describe(plan.name, chunk, iteration, every, before, after, metrics)
+        if found := finite_checks.findings(jax.device_get(metrics.finite)):
+            found[0] = replace(found[0], iteration=iteration)
+            return FirstNonfinite(
+                stage=plan.name,
+                chunk=chunk,
+                iteration=iteration,
+                found=tuple(found),
+                observation=np.asarray(after.rollouts.percept.features),
+                reward=_rewards(before, after, metrics),
+                loss={
+                    level: float(figures.loss)
+                    for level, figures in metrics.levels.items()
+                    if figures.updates > before.learners[level].updates
+                },
+                weights={level: _spoilt(learner) for level, learner in after.learners.items()},
+                before=before,
+                after=after,
+            )
         before = after
     raise NumbersError(
         f"this time every number of {plan.name}, chunk {chunk} is finite; found had been:\n"
@@ -175,39 +185,16 @@ def find_first_nonfinite(path: Path | str, task: TaskFunctions = PAPER_TASK) -> 
     )
 
 
-def _describe(
-    name: str,
-    chunk: int,
-    iteration: int,
-    found: tuple[Finding, ...],
-    before: StageState,
-    after: StageState,
-    metrics: ChunkMetrics,
-) -> FirstNonfinite:
+def _rewards(before: StageState, after: StageState, metrics: ChunkMetrics) -> NDArray[np.float32]:
     episodes = jax.device_get(metrics.episodes)
     under_way = np.asarray(after.rollouts.episode.stats.reward)
     # An episode that ended has left its world; the facts hold its sum.
     total = np.where(episodes.outcome.over[0], episodes.reward[0], under_way)
-    return FirstNonfinite(
-        stage=name,
-        chunk=chunk,
-        iteration=iteration,
-        found=found,
-        observation=np.asarray(after.rollouts.percept.features),
-        reward=total - np.asarray(before.rollouts.episode.stats.reward),
-        loss={
-            level: float(figures.loss)
-            for level, figures in metrics.levels.items()
-            if figures.updates > before.learners[level].updates
-        },
-        weights={
-            level: [
-                array
-                for array, values in pytree_io.flatten(learner).items()
-                if not np.isfinite(values).all()
-            ]
-            for level, learner in after.learners.items()
-        },
-        before=before,
-        after=after,
-    )
+    paid: NDArray[np.float32] = total - np.asarray(before.rollouts.episode.stats.reward)
+    return paid
+
+
+def _spoilt(tree: Any) -> list[str]:
+    """Names of the arrays that are not finite."""
+    arrays = pytree_io.flatten(tree)
+    return [name for name, values in arrays.items() if not np.isfinite(values).all()]

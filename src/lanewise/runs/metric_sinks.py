@@ -1,7 +1,8 @@
-"""A run's metrics where people look: tables for spreadsheets, and TensorBoard's events if wanted.
+"""All that a training tells of itself: its metrics, what is made of them, and wall-clock times.
 
-Both are made of ``metrics.jsonl`` and hold nothing else. They are written anew when a run is
-continued, so that nothing that a kill has undone stays in them.
+``metrics.jsonl`` is continued when a run is. Tables for spreadsheets, and TensorBoard's events if
+wanted, hold nothing else and are written anew, so that nothing that a kill has undone stays in
+them. Wall-clock times stand alone, so that metrics repeat to the byte.
 """
 
 import csv
@@ -12,7 +13,7 @@ from contextlib import ExitStack
 from typing import Any, Self
 
 from lanewise.runs import metrics_file
-from lanewise.runs.metrics_file import COLUMNS
+from lanewise.runs.metrics_file import COLUMNS, MetricsWriter
 from lanewise.system.extras import install, needed_for
 from lanewise.system.folder_io import OpenFolder
 
@@ -31,34 +32,49 @@ COUNTS = ("kind", "stage", "chunk")
 
 
 class MetricSinks:
-    """All sinks of a run; to be used in a ``with`` block."""
+    """The open files of a run's metrics; to be used in a ``with`` block."""
 
-    def __init__(self, folder: OpenFolder, *, tensorboard: bool) -> None:
-        """Opens them and gives them what the metrics file holds.
+    def __init__(self, folder: OpenFolder, resume_at: int, *, tensorboard: bool) -> None:
+        """Opens them.
 
         Args:
-            folder: of the run, its metrics file cut to what is safely stored.
+            folder: of the run.
+            resume_at: how many bytes of its metrics are kept.
             tensorboard: whether events are wanted; a run that has some goes on with them.
 
         Raises:
+            RunError: the metrics are damaged or shorter than that.
             LanewiseError: events are wanted and tensorboardX is not installed.
         """
-        self._sinks: list[CsvTable | TensorBoardEvents] = []
+        path = folder.path / "metrics.jsonl"
         with ExitStack() as stack:
+            self.metrics = stack.enter_context(MetricsWriter(path, resume_at, folder))
+            times = path.with_name("timings.jsonl")
+            self.timings = stack.enter_context(MetricsWriter(times, None, folder))
+            self._sinks: list[CsvTable | TensorBoardEvents] = []
             for kind in TABLES:
                 self._sinks.append(CsvTable(folder, kind))
                 stack.callback(self._sinks[-1].close)
             if tensorboard or (folder.path / TENSORBOARD).exists():
                 self._sinks.append(TensorBoardEvents(folder))
                 stack.callback(self._sinks[-1].close)
-            for record in metrics_file.read(folder.path / "metrics.jsonl"):
-                self.append(record)
+            for record in metrics_file.read(path):
+                self._pass_on(record)
             self._close = stack.pop_all()
 
     def append(self, record: Mapping[str, Any]) -> None:
-        """Give one record to all."""
+        """Write one record everywhere."""
+        self.metrics.append(record)
+        self._pass_on(record)
+
+    def _pass_on(self, record: Mapping[str, Any]) -> None:
         for sink in self._sinks:
             sink.append(record)
+
+    def mark(self) -> dict[str, Any]:
+        """As `MetricsWriter.mark`, with the times on disk too."""
+        self.timings.sync()
+        return self.metrics.mark()
 
     def __enter__(self) -> Self:
         return self
@@ -80,6 +96,7 @@ class CsvTable:
         self._file = os.fdopen(file, "w", encoding="utf-8", newline="")
         self._rows = csv.DictWriter(self._file, COLUMNS[kind], lineterminator="\n")
         self._rows.writeheader()
+        self.close = self._file.close
 
     def append(self, record: Mapping[str, Any]) -> None:
         """One row, of a record of the table's kind."""
@@ -88,10 +105,6 @@ class CsvTable:
         self._rows.writerow({name: value for name, value in record.items() if name != "kind"})
         if self._kind == "chunk":
             self._file.flush()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
 
 
 class TensorBoardEvents:
@@ -103,6 +116,7 @@ class TensorBoardEvents:
         shutil.rmtree(TENSORBOARD, ignore_errors=True, dir_fd=folder.descriptor)
         # TensorBoard's writer takes a name, no descriptor.
         self._writer = writer(str(folder.path / TENSORBOARD))
+        self.close = self._writer.close
 
     def append(self, record: Mapping[str, Any]) -> None:
         """The figures of a chunk."""
@@ -113,10 +127,6 @@ class TensorBoardEvents:
                 label = f"{record['stage']}/{LABELS.get(name, name)}"
                 self._writer.add_scalar(label, value, record["decisions"])
         self._writer.flush()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._writer.close()
 
 
 def tensorboard_writer() -> Any:

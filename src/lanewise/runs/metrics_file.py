@@ -12,8 +12,6 @@ from itertools import count
 from pathlib import Path
 from typing import IO, Any
 
-import numpy as np
-
 from lanewise.errors import CheckpointError, RunError, brief
 from lanewise.system import safe_io
 from lanewise.system.folder_io import OpenFolder, opened, write_atomically
@@ -47,7 +45,7 @@ _BLOCK = 65_536
 
 
 class MetricsWriter:
-    """Appends records to a file; ``sync`` returns how many bytes are safely on disk."""
+    """Appends records to a file."""
 
     def __init__(
         self, path: Path, resume_at: int | None = 0, folder: OpenFolder | None = None
@@ -56,8 +54,8 @@ class MetricsWriter:
 
         Args:
             path: the file.
-            resume_at: the length that ``sync`` returned before the checkpoint was saved; 0 for a
-                fresh file, None to keep every whole line (timings).
+            resume_at: its length by the `mark` of the checkpoint; 0 for a fresh file, None to keep
+                every whole line (timings).
             folder: the folder it lies in, open; None opens it.
 
         Raises:
@@ -94,15 +92,11 @@ class MetricsWriter:
         """The length and digest of the file, safely on disk, for `read_marked`."""
         return {"metrics_bytes": self.sync(), "metrics_sha256": self._digest.hexdigest()}
 
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
     def __enter__(self) -> "MetricsWriter":
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        self._file.close()
 
 
 def read(path: Path, end: int | None = None, sha256: str | None = None) -> list[dict[str, Any]]:
@@ -116,15 +110,15 @@ def read(path: Path, end: int | None = None, sha256: str | None = None) -> list[
     Raises:
         RunError: the file cannot be read, was altered, or a line is no object of plain values.
     """
-    digest, found = hashlib.sha256(), []
-    for number, line in enumerate(_lines(path, end), 1):
-        digest.update(line)
+    data = _whole_lines(path, end)
+    found = []
+    for number, line in enumerate(data.splitlines(), 1):
         try:
             found.append(_record(line))
         except ValueError as error:
             reason = f"line {number} is not valid JSON of plain values ({error})"
             raise RunError(f"{path} is damaged: {reason}") from error
-    if sha256 is not None and digest.hexdigest() != sha256:
+    if sha256 is not None and hashlib.sha256(data).hexdigest() != sha256:
         raise RunError(f"{path} was altered after it was written")
     return found
 
@@ -145,14 +139,11 @@ def read_records(
 
 
 def read_marked(path: Path, meta: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The records up to a `MetricsWriter.mark`, which must be as they were written.
-
-    Args:
-        path: the file; where the mark is at 0, it may be missing.
-        meta: holds the mark.
+    """The records up to a `MetricsWriter.mark` in ``meta``, which must be as they were written.
 
     Raises:
-        RunError: the file is shorter, damaged or was altered.
+        RunError: the file is shorter, damaged or was altered. If the mark is at 0, it may be
+            missing.
         CheckpointError: ``meta`` holds no mark.
     """
     length, digest = (meta.get(name) for name in ("metrics_bytes", "metrics_sha256"))
@@ -166,17 +157,9 @@ def keep_copy(path: Path, end: int, folder: OpenFolder | None = None) -> Path | 
 
     A stage whose checkpoints were lost begins anew, and its metrics are all that is left of it.
 
-    Args:
-        path: the file.
-        end: its length once it is cut.
-        folder: the folder it lies in, open; None opens it.
-
     Returns:
         The copy, ``metrics-before-1.jsonl`` or the first number that is free; None if there is
         nothing to cut off.
-
-    Raises:
-        OSError: the disk is full or not writable.
     """
     if not path.is_file() or path.stat().st_size <= end:
         return None
@@ -187,10 +170,10 @@ def keep_copy(path: Path, end: int, folder: OpenFolder | None = None) -> Path | 
 
 
 def settled_episode(chunks: Sequence[Mapping[str, Any]]) -> float | None:
-    """Episodes that had ended when epsilon reached its final value; None if it never did.
+    """Episodes of a stage that had ended when epsilon reached its final value, by `settled_at`.
 
     Args:
-        chunks: one stage's records of kind ``chunk``, with ``epsilon`` and ``episodes``.
+        chunks: the stage's records of kind ``chunk``, with ``epsilon`` and ``episodes``.
     """
     index = settled_at([chunk["epsilon"] for chunk in chunks])
     return None if index is None else float(chunks[index]["episodes"])
@@ -201,11 +184,9 @@ def settled_at(epsilon: Sequence[float | None]) -> int | None:
 
     An epsilon that is the same in all of them has settled before the first.
     """
-    values = np.array([math.nan if value is None else value for value in epsilon], np.float64)
-    known = values[~np.isnan(values)]
-    if not len(known):
-        return None
-    first = int(np.flatnonzero(values <= known[-1] + 1e-6)[0])
+    values = [math.inf if value is None else value for value in epsilon]
+    final = next((value for value in reversed(values) if value < math.inf), -math.inf)
+    first = next((at for at, value in enumerate(values) if value <= final + 1e-6), len(values))
     return first if first < len(values) - 1 else None
 
 
@@ -235,7 +216,7 @@ def _problem(record: Mapping[str, Any]) -> str:
     return ""
 
 
-def _lines(path: Path, end: int | None) -> list[bytes]:
+def _whole_lines(path: Path, end: int | None) -> bytes:
     """The whole lines up to a place, or all; what follows the last of all is left out."""
     try:
         data = safe_io.read_bytes(path, _LARGEST, links=False)
@@ -247,7 +228,7 @@ def _lines(path: Path, end: int | None) -> list[bytes]:
             raise safe_io.UnreadableError(f"no line ends at byte {end}")
     except safe_io.UnreadableError as error:
         raise RunError(f"{path} is damaged: {error}") from error
-    return data[:end].splitlines(keepends=True)
+    return data[:end]
 
 
 def _open_to_append(path: Path, folder: OpenFolder | None) -> IO[bytes]:

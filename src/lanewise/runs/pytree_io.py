@@ -11,8 +11,6 @@ from lanewise.errors import CheckpointError
 from lanewise.system import pinned
 
 Tree = TypeVar("Tree")
-Shapes = Mapping[str, jax.ShapeDtypeStruct]
-"""Of arrays, by path."""
 
 
 def flatten(tree: Any) -> dict[str, np.ndarray]:
@@ -26,7 +24,7 @@ def flatten(tree: Any) -> dict[str, np.ndarray]:
     }
 
 
-def shapes(tree: Any) -> Shapes:
+def shapes(tree: Any) -> dict[str, jax.ShapeDtypeStruct]:
     """Shapes of what `flatten` would return; the leaves may be shapes themselves."""
     return {name: _shape(leaf) for name, leaf in _leaves(tree)}
 
@@ -39,21 +37,10 @@ def unflatten(template: Tree, arrays: Mapping[str, np.ndarray]) -> Tree:
         arrays: as `flatten` returns them.
 
     Raises:
-        CheckpointError: an array is missing, superfluous, or of another type or shape.
-    """
-    check_shapes(shapes(template), arrays)
-    leaves = [_restore(leaf, arrays[name]) for name, leaf in _leaves(template)]
-    restored: Tree = jax.tree.unflatten(jax.tree.structure(template), leaves)
-    return restored
-
-
-def check_shapes(wanted: Shapes, arrays: Mapping[str, np.ndarray]) -> None:
-    """Compare names, types and shapes of arrays with those wanted.
-
-    Raises:
         CheckpointError: names the first array that is missing, superfluous, or of another type or
             shape.
     """
+    wanted = shapes(template)
     for name in (*wanted, *arrays):
         if name not in arrays:
             raise CheckpointError(f"{name} is missing")
@@ -65,6 +52,9 @@ def check_shapes(wanted: Shapes, arrays: Mapping[str, np.ndarray]) -> None:
                 f"{name} is {array.dtype.name} {array.shape}, "
                 f"expected {np.dtype(expected.dtype).name} {expected.shape}"
             )
+    leaves = [_restore(leaf, arrays[name]) for name, leaf in _leaves(template)]
+    restored: Tree = jax.tree.unflatten(jax.tree.structure(template), leaves)
+    return restored
 
 
 def _leaves(tree: Any) -> list[tuple[str, Any]]:

@@ -57,7 +57,6 @@ class RunFolder:
     """A run on disk. ``create`` and ``resume`` lock it until ``close``; ``open`` only reads."""
 
     path: Path
-    """The folder."""
     settings: Settings
     """Every setting the run was made with."""
     controller: str
@@ -88,7 +87,7 @@ class RunFolder:
 
         Args:
             path: the folder, made with its parents if it is missing; or an open one.
-            settings: all of them.
+            settings: as the fields of the run, with the next three.
             controller: what is trained.
             seed: of everything random.
             task: names of the user's own functions.
@@ -162,10 +161,8 @@ class RunFolder:
                 f"{folder.path} was made with other settings: there {difference}\n"
                 "  --resume without any settings takes those of the run"
             )
-        if folder.compiler != compiler_switches():
-            made, now = (
-                ", ".join(given) or "none" for given in (folder.compiler, compiler_switches())
-            )
+        if folder.compiler != (switches := compiler_switches()):
+            made, now = (", ".join(given) or "none" for given in (folder.compiler, switches))
             raise RunError(
                 f"{folder.path} was made with other compiler switches: there {made}, here {now}\n"
                 "  it would go on to other bits; set them as they were"
@@ -194,26 +191,15 @@ class RunFolder:
         """Where finished stages leave what they hand on; made by the first of them."""
         return stages_of(self.path)
 
-    @property
-    def timings(self) -> Path:
-        """The file of wall-clock times."""
-        return self.path / "timings.jsonl"
-
     def check_parts(self, task: tuple[str, ...]) -> None:
-        """Refuse to go on with functions of other names than the run was made with.
-
-        Raises:
-            RunError: names those it was made with.
-        """
+        """Raise a RunError for functions of other names than the run was made with."""
         if self.task == task:
             return
         made = "; ".join(self.task) or "no task functions of the user's own"
+        calls = "lanewise.evaluate(run, task=...), lanewise.train(..., task=...)"
         remedy = (
-            "give the same functions: lanewise.evaluate(run, task=...), "
-            "lanewise.train(..., task=...)"
+            f"give the same functions: {calls}" if self.task else f"leave out {'; '.join(task)}"
         )
-        if not self.task:
-            remedy = f"leave out {'; '.join(task)}"
         raise RunError(f"{self.path} was made with {made}\n  {remedy}")
 
     def other_code(self) -> str:
@@ -264,8 +250,7 @@ class RunFolder:
 def compiler_switches() -> tuple[str, ...]:
     """Compiler switches set now that change rounding, as they are written; mostly none.
 
-    They hold for a whole process, so `lanewise.system.pinned` cannot set them aside. A run
-    remembers them instead.
+    They hold for a whole process, so `system.pinned` cannot set them aside: a run remembers them.
     """
     given = os.environ.get("XLA_FLAGS", "").split()
     found = [f"XLA_FLAGS={flag}" for flag in given if any(name in flag for name in _ROUNDING)]
@@ -280,12 +265,7 @@ def stages_of(path: Path) -> Path:
 
 
 def open_high_level(source: Path, settings: Settings, task: tuple[str, ...] = ()) -> RunFolder:
-    """The run whose step 1 is to be taken over, once its high level is sure to fit.
-
-    Args:
-        source: its folder.
-        settings: of the run that takes it over.
-        task: names of the user's own functions that this run is trained with.
+    """The run whose step 1 is to be taken over by one with such settings and task functions.
 
     Raises:
         RunError: it has no finished step 1, or the two high levels differ in shape or in what they
@@ -303,11 +283,7 @@ def open_high_level(source: Path, settings: Settings, task: tuple[str, ...] = ()
 
 
 def require_outside(path: Path) -> None:
-    """Refuse a place inside a run, whose files nobody else writes.
-
-    Raises:
-        RunError: names the run.
-    """
+    """Raise a RunError for a place inside a run, whose files nobody else writes."""
     for folder in path.absolute().parent.resolve().joinpath(path.name).parents:
         try:
             manifest = safe_io.read_bytes(folder / "run.json", _LARGEST_MANIFEST)
@@ -319,11 +295,7 @@ def require_outside(path: Path) -> None:
 
 
 def require_empty(path: Path) -> None:
-    """Refuse a folder that holds anything, or lies inside a run.
-
-    Raises:
-        RunError: says what it holds and what to do.
-    """
+    """Raise a RunError for a folder that holds anything, or lies inside a run."""
     require_outside(path)
     if not path.exists() and not path.is_symlink():
         return

@@ -12,8 +12,7 @@ from lanewise.runs import checkpoint, metrics_file
 from lanewise.runs.checkpoint import Checkpoint
 from lanewise.runs.run_folder import STAGES, RunFolder, open_high_level
 from lanewise.system.version import __version__
-from lanewise.training.plan import TrainingPlan, restored_progress
-from lanewise.training.trainer import StageProgress
+from lanewise.training.plan import TrainingPlan
 
 CONTROLLER = "controller"
 """File name of a finished run's controller."""
@@ -57,13 +56,12 @@ def read(folder: RunFolder, plan: TrainingPlan) -> RunState:
 def newest_checkpoint(
     folder: RunFolder, plan: TrainingPlan, index: int
 ) -> tuple[Checkpoint | None, str, tuple[str, ...]]:
-    """The newest undamaged checkpoint of a stage that the metrics reach.
+    """The newest undamaged checkpoint of a stage that the metrics reach, if it has one.
 
     Where a run was copied while it was trained, the metrics may be older than a checkpoint.
 
     Returns:
-        The checkpoint, None where there is none; a warning about newer ones that cannot be used,
-        often empty; their names.
+        The checkpoint; a warning about newer ones that cannot be used, often empty; their names.
 
     Raises:
         CheckpointError: none of the stage's checkpoints can be used, or there are some of a later
@@ -88,11 +86,6 @@ def newest_checkpoint(
     )
     assert found is not None, "there are some"
     return found, warning, tuple(name for name in ours if name > found.name)
-
-
-def progress_of(found: Checkpoint) -> StageProgress:
-    """The stage under way that a checkpoint holds."""
-    return restored_progress(found.tree, found.meta["counters"])
 
 
 def is_finished(folder: RunFolder) -> bool:
@@ -154,20 +147,15 @@ def transfer_high_level(folder: RunFolder, plan: TrainingPlan, source: Path) -> 
     """Copy the step-1 result of another run into this one, so that only step 2 is trained.
 
     Raises:
-        RunError: this run has its own step 1, or the other has none, or the two high levels differ
-            in shape or in what they observe.
+        RunError: this run has its own step 1, or as `open_high_level`.
     """
     name = STEP_1.name
     if has_stage(folder, name):
         raise RunError(f"{folder.path} has its own step 1 already; resume it without --high-level")
     lender = open_high_level(source, folder.settings, plan.task.names())
-    meta = {
-        "taken_from_seed": lender.seed,
-        "taken_from_settings": lender.digest,
-        "metrics_bytes": 0,
-    }
+    source_of = {"taken_from_seed": lender.seed, "taken_from_settings": lender.digest}
     # Its high level has the shapes of this plan's, as was checked.
-    save_stage(folder, name, load_stage(lender, plan, name), meta)
+    save_stage(folder, name, load_stage(lender, plan, name), source_of | {"metrics_bytes": 0})
 
 
 def training_metrics(folder: RunFolder) -> list[dict[str, Any]]:
@@ -176,22 +164,16 @@ def training_metrics(folder: RunFolder) -> list[dict[str, Any]]:
     Raises:
         RunError: the file is damaged or was altered.
     """
-    done = finished_stages(folder)
+    done, found = finished_stages(folder), metrics_file.read_records(folder.metrics)
     if done:
         written = metrics_file.read_marked(folder.metrics, _stage_meta(folder, done[-1]))
-        found = metrics_file.read_records(folder.metrics)
         if len(done) == len(CONTROLLERS[folder.controller].stages) and len(found) > len(written):
             raise RunError(f"{folder.metrics} was altered: it goes on after the end of the run")
-        return found
-    return metrics_file.read_records(folder.metrics)
+    return found
 
 
 def check_seed(folder: RunFolder, meta: dict[str, Any], file: Path) -> None:
-    """Refuse what belongs to a run with another seed.
-
-    Raises:
-        CheckpointError: names the file.
-    """
+    """Raise a CheckpointError for what belongs to a run with another seed."""
     if meta["seed"] != folder.seed:
         raise CheckpointError(f"{file} is of another run: its seed is not {folder.seed}")
 

@@ -6,7 +6,8 @@ the parameters of all levels. In between, ``checkpoints/`` holds all that the st
 
 import signal
 import time
-from contextlib import ExitStack, suppress
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -18,13 +19,13 @@ from lanewise.errors import NumbersError, RunError, shell_line
 from lanewise.runs import checkpoint, divergence, metrics_file, run_state, selected_weights
 from lanewise.runs.checkpoint import Checkpoint
 from lanewise.runs.metric_sinks import MetricSinks
-from lanewise.runs.metrics_file import MetricsWriter
 from lanewise.runs.run_folder import CHECKPOINTS, RunFolder
 from lanewise.system import pinned, process
 from lanewise.system.progress import Progress
-from lanewise.training import trainer
-from lanewise.training.plan import TrainingPlan, stored_progress
-from lanewise.training.trainer import StagePlan, StageProgress
+from lanewise.training import selection, trainer
+from lanewise.training.plan import TrainingPlan, restored_progress, stored_progress
+from lanewise.training.selection import StageProgress
+from lanewise.training.trainer import StagePlan
 
 INTERVAL = 10.0
 """Seconds of training between checkpoints, at least; a kill loses no more than about this."""
@@ -81,17 +82,13 @@ def train(
     ):
         begins = "without a checkpoint, the stage under way begins anew"
         reporter.note(f"{begins}; metrics so far are kept in {copy}")
-    with (
-        MetricsWriter(folder.metrics, state.metrics_bytes, folder.held) as metrics,
-        MetricsWriter(folder.timings, None, folder.held) as timings,
-        MetricSinks(folder.held, tensorboard=tensorboard) as sinks,
-    ):
-        files = _OpenFiles(folder, metrics, timings, sinks, state.unusable)
-        frozen: Parameters = {}
+    frozen: Parameters = {}
+    with MetricSinks(folder.held, state.metrics_bytes, tensorboard=tensorboard) as metrics:
+        training = _Training(folder, plan, reporter, metrics, state.unusable)
         for index, stage in enumerate(plan.stages):
             if stage.name not in state.handed:
                 found = state.checkpoint if index == len(state.handed) else None
-                _StageRun(files, plan, index, frozen, reporter).run(found)
+                training.run_stage(index, frozen, found)
             frozen = frozen | (
                 state.handed.get(stage.name) or run_state.load_stage(folder, plan, stage.name)
             )
@@ -103,40 +100,61 @@ def train(
 
 
 @dataclass
-class _OpenFiles:
-    """The open files of a run that is being trained."""
+class _Training:
+    """A training under way."""
 
     folder: RunFolder
-    metrics: MetricsWriter
-    timings: MetricsWriter
-    sinks: MetricSinks
+    plan: TrainingPlan
+    reporter: Progress
+    metrics: MetricSinks
     unusable: tuple[str, ...]
     """Checkpoints that cannot be used; they stay until another is saved."""
 
-    def append(self, line: dict[str, Any]) -> None:
-        """A line of metrics, in the file and in the sinks."""
-        self.metrics.append(line)
-        self.sinks.append(line)
+    def run_stage(self, index: int, frozen: Parameters, found: Checkpoint | None) -> None:
+        """Train a stage, from its beginning or a checkpoint to its end, and store its weights."""
+        stage, reporter = self.plan.stages[index], self.reporter
+        progress, interrupts = self._begun(index, frozen, found), _Interrupts(reporter)
+        reporter.stage(stage.name, 1.0, stage.fraction(progress.counters))
+        saved = time.monotonic()
+        with (
+            process.handle_signal(signal.SIGINT, interrupts.handle),
+            process.handle_signal(signal.SIGTERM, interrupts.handle),
+        ):
+            while not stage.finished(progress.counters):
+                began = time.monotonic()
+                try:
+                    progress, report = trainer.advance(stage, frozen, progress)
+                except NumbersError as error:
+                    raise self._diverged(index, frozen, progress, error) from None
+                self._write(report, time.monotonic() - began)
+                reporter.update(stage.fraction(progress.counters), **_figures(report.chunk))
+                if interrupts.asked or time.monotonic() - saved > INTERVAL:
+                    self._save(index, progress)
+                    saved = time.monotonic()
+                if interrupts.asked:
+                    raise KeyboardInterrupt
+        self._finish(stage, frozen, progress)
 
-    def write(self, report: trainer.Report, seconds: float) -> None:
-        """A chunk's lines. Wall-clock times go elsewhere, so that metrics repeat to the byte."""
+    def _begun(self, index: int, frozen: Parameters, found: Checkpoint | None) -> StageProgress:
+        """A stage as a checkpoint holds it, or at its beginning."""
+        if found is not None:
+            return restored_progress(found.tree, found.meta["counters"])
+        # The stage's own stream of the run's seed.
+        key = jax.random.fold_in(pinned.key(self.folder.seed), STAGE_STREAM + index)
+        return trainer.begin(self.plan.stages[index], frozen, key)
+
+    def _write(self, report: trainer.Report, seconds: float) -> None:
         # The open files stay those of the run, wherever it is; to go on would be in vain.
         self.folder.held.require_same()
-        for line in (*report.episodes, report.chunk):
-            self.append(line)
-        self.timings.append(
-            {
-                "stage": report.chunk["stage"],
-                "chunk": report.chunk["chunk"],
-                "seconds": round(seconds, 4),
-                "validation": round(report.validation_seconds, 4),
-            }
-        )
+        for record in (*report.episodes, report.chunk):
+            self.metrics.append(record)
+        times = {"seconds": seconds, "validation": report.validation_seconds}
+        which = {name: report.chunk[name] for name in ("stage", "chunk")}
+        self.metrics.timings.append(which | {name: round(each, 4) for name, each in times.items()})
 
-    def save(self, index: int, progress: StageProgress) -> None:
+    def _save(self, index: int, progress: StageProgress) -> None:
         """A checkpoint: everything the stage needs to continue to the same bits."""
         mark = self.metrics.mark()
-        self.timings.sync()
         with self.folder.held.inside(CHECKPOINTS) as place:
             checkpoint.save(
                 place,
@@ -149,71 +167,25 @@ class _OpenFiles:
             )
         self.unusable = ()
 
-
-@dataclass
-class _StageRun:
-    """One stage of a training, from its beginning or a checkpoint to its end."""
-
-    files: _OpenFiles
-    training: TrainingPlan
-    index: int
-    frozen: Parameters
-    reporter: Progress
-
-    @property
-    def plan(self) -> StagePlan:
-        """The stage's own plan."""
-        return self.training.stages[self.index]
-
-    def run(self, found: Checkpoint | None) -> None:
-        """Train the stage and store what it hands on."""
-        plan, files, reporter = self.plan, self.files, self.reporter
-        progress = self._progress(found)
-        reporter.stage(plan.name, 1.0, plan.fraction(progress.counters))
-        saved = time.monotonic()
-        with _Interrupts(reporter) as interrupts:
-            while not plan.finished(progress.counters):
-                began = time.monotonic()
-                try:
-                    progress, report = trainer.advance(plan, self.frozen, progress)
-                except NumbersError as error:
-                    raise self._diverged(progress, error) from None
-                files.write(report, time.monotonic() - began)
-                reporter.update(plan.fraction(progress.counters), **_figures(report.chunk))
-                if interrupts.asked or time.monotonic() - saved > INTERVAL:
-                    files.save(self.index, progress)
-                    saved = time.monotonic()
-                if interrupts.asked:
-                    raise KeyboardInterrupt
-        self._finish(progress)
-
-    def _progress(self, found: Checkpoint | None) -> StageProgress:
-        """The stage as a checkpoint holds it, or at its beginning."""
-        if found is not None:
-            return run_state.progress_of(found)
-        # The stage's own stream of the run's seed.
-        key = jax.random.fold_in(pinned.key(self.files.folder.seed), STAGE_STREAM + self.index)
-        return trainer.begin(self.plan, self.frozen, key)
-
-    def _diverged(self, progress: StageProgress, error: NumbersError) -> NumbersError:
-        folder = self.files.folder
-        newest, _, _ = run_state.newest_checkpoint(folder, self.training, self.index)
-        stored = self._progress(newest)
+    def _diverged(
+        self, index: int, frozen: Parameters, progress: StageProgress, error: NumbersError
+    ) -> NumbersError:
+        newest, _, _ = run_state.newest_checkpoint(self.folder, self.plan, index)
+        stored = self._begun(index, frozen, newest)
         return divergence.save(
-            folder, self.index, self.plan, self.frozen, stored, progress.counters, error
+            self.folder, self.plan, index, frozen, stored, progress.counters, error
         )
 
-    def _finish(self, progress: StageProgress) -> None:
-        """Compare what the stage hands on with its last weights, and store it."""
-        files, folder = self.files, self.files.folder
-        files.append(trainer.compare(self.plan, self.frozen, progress))
-        meta = {"counters": asdict(progress.counters), **files.metrics.mark()}
-        folder.held.require_same()
-        selected = selected_weights.of_run(metrics_file.read(folder.metrics))[-1]
+    def _finish(self, stage: StagePlan, frozen: Parameters, progress: StageProgress) -> None:
+        """Compare what a stage hands on with its last weights, and store it."""
+        self.metrics.append(trainer.compare(stage, frozen, progress))
+        meta = {"counters": asdict(progress.counters), **self.metrics.mark()}
+        self.folder.held.require_same()
+        selected = selected_weights.of_run(metrics_file.read(self.folder.metrics))[-1]
         for warning in selected.warnings:
             self.reporter.note(warning)
-        weights = trainer.result(self.plan, progress)
-        run_state.save_stage(folder, self.plan.name, weights, meta)
+        weights, _ = selection.result(stage.config.budget.keep, progress)
+        run_state.save_stage(self.folder, stage.name, weights, meta)
 
 
 class _Interrupts:
@@ -226,17 +198,9 @@ class _Interrupts:
     def __init__(self, reporter: Progress) -> None:
         self.asked = False
         self._reporter = reporter
-        self._handlers = ExitStack()
 
-    def __enter__(self) -> "_Interrupts":
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._handlers.enter_context(process.handle_signal(number, self._handle))
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._handlers.close()
-
-    def _handle(self, *_: object) -> None:
+    def handle(self, *_: object) -> None:
+        """Hear a signal."""
         if self.asked:
             raise KeyboardInterrupt
         self.asked = True
@@ -244,6 +208,6 @@ class _Interrupts:
             self._reporter.note("stopping: this chunk is finished and saved first")
 
 
-def _figures(line: dict[str, Any]) -> dict[str, float]:
-    """The few figures shown while training."""
-    return {label: line[name] for name, label in SHOWN.items() if line.get(name) is not None}
+def _figures(record: Mapping[str, Any]) -> dict[str, float]:
+    """The few figures of a chunk shown while training."""
+    return {label: record[name] for name, label in SHOWN.items() if record.get(name) is not None}

@@ -15,15 +15,16 @@ from lanewise.learning import network
 from lanewise.scenario.trap import SPLITS
 from lanewise.system import pinned
 from lanewise.training import recipe, selection, stage
-from lanewise.training.recipe import RecipeSettings
-from lanewise.training.trainer import StageCounters, StagePlan, StageProgress
+from lanewise.training.selection import StageCounters, StageProgress
+from lanewise.training.settings import Settings
+from lanewise.training.trainer import StagePlan
 
 
 @dataclass(frozen=True)
 class TrainingPlan:
     """The stages of a training, and the shapes of what they store."""
 
-    settings: RecipeSettings
+    settings: Settings
     controller: str
     """What is trained: a name in `lanewise.controllers.registry.TRAINABLE`."""
     task: TaskFunctions
@@ -33,21 +34,22 @@ class TrainingPlan:
 
     @classmethod
     def build(
-        cls, settings: RecipeSettings, controller: str, task: TaskFunctions = PAPER_TASK
+        cls, settings: Settings, controller: str, task: TaskFunctions = PAPER_TASK
     ) -> "TrainingPlan":
         """The plan of a controller's training.
 
         Raises:
             SettingsError: a function of the user's fails, or returns something else than it must.
         """
+        tests = settings.evaluation
         stages = tuple(
             StagePlan(
                 name=each.name,
                 config=recipe.stage_config(settings, each, task),
                 validation=recipe.validation_config(settings, each, task),
-                validation_episodes=settings.evaluation.validation_episodes,
-                validation_interval=settings.evaluation.validation_interval,
-                fresh_episodes=settings.evaluation.fresh_episodes,
+                validation_episodes=tests.validation_episodes,
+                validation_interval=tests.validation_interval,
+                fresh_episodes=tests.fresh_episodes,
             )
             for each in CONTROLLERS[controller].stages
         )
@@ -121,14 +123,9 @@ def stored_progress(progress: StageProgress) -> dict[str, Any]:
 
 
 def restored_progress(arrays: dict[str, Any], counters: dict[str, Any]) -> StageProgress:
-    """A stage under way as it was stored.
-
-    Args:
-        arrays: as `stored_progress` returned them.
-        counters: the fields of the `StageCounters`, tuples as lists.
-    """
+    """A stage under way, of what `stored_progress` returned and its counters, tuples as lists."""
     restored: dict[str, Any] = {
-        k: tuple(v) if isinstance(v, list) else v for k, v in counters.items()
+        name: tuple(value) if isinstance(value, list) else value for name, value in counters.items()
     }
     best, window = jax.device_get((arrays["best"], arrays["window"]))
     return StageProgress(arrays["state"], best, window, StageCounters(**restored))
@@ -137,9 +134,8 @@ def restored_progress(arrays: dict[str, Any], counters: dict[str, Any]) -> Stage
 def _networks(plan: StagePlan) -> Parameters:
     """Fresh networks of the levels that learn in a stage."""
     found: Parameters = {}
-    for name, level_settings in plan.config.learning:
+    for name, settings in plan.config.learning:
         level = plan.config.level(name)
-        found[name] = network.init(
-            pinned.key(0), level.feature_count, level_settings.learner.hidden, level.choice_count
-        )
+        sizes = (level.feature_count, settings.learner.hidden, level.choice_count)
+        found[name] = network.init(pinned.key(0), *sizes)
     return found

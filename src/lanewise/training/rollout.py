@@ -1,6 +1,5 @@
 """Driving while learning: one decision in one world, and the transitions it leaves."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -51,39 +50,28 @@ class StageConfig:
     task: TaskFunctions = PAPER_TASK
     """How episodes start, and what is seen, paid and counted as success."""
 
-    @property
-    def leading(self) -> Sequence[Level]:
-        """Frozen levels above the first that learns; they choose as soon as a percept is there."""
-        return self.controller.levels[: self._first]
-
-    @property
-    def choosing(self) -> Sequence[Level]:
-        """The first level that learns, and all below it."""
-        return self.controller.levels[self._first :]
-
     def level(self, name: str) -> Level:
         """A level of the controller."""
         return next(level for level in self.controller.levels if level.name == name)
 
     @property
-    def _first(self) -> int:
-        names = [level.name for level in self.controller.levels]
-        return names.index(self.learning[0][0])
+    def leading(self) -> int:
+        """Number of frozen levels above the first that learns."""
+        return [level.name for level in self.controller.levels].index(self.learning[0][0])
 
 
 def begin(config: StageConfig, parameters: Parameters, key: Array) -> Rollout:
     """A fresh training episode."""
     state = episode.begin(config.task.start(config.scenario, key, "training"))
     seen = percept.perceive(config.driving.observation, state.world, config.task)
-    controller = config.controller
-    memory = controller.perceive(controller.start(seen), seen)
+    memory = config.controller.perceive(config.controller.start(seen), seen)
     return Rollout(
         episode=state,
         percept=seen,
         memory=_settle(config, parameters, memory, seen),
         pending={
-            name: transitions.empty(level_settings, config.level(name).feature_count)
-            for name, level_settings in config.learning
+            name: transitions.empty(settings, config.level(name).feature_count)
+            for name, settings in config.learning
         },
     )
 
@@ -114,21 +102,20 @@ def step(
     state = episode.step(
         config.driving, rollout.episode, action, config.budget.duration, config.task
     )
-    outcome = state.outcome
     seen = percept.perceive(config.driving.observation, state.world, config.task)
     feedback = controller.feedback(memory, seen)
     memory = _settle(config, parameters, controller.perceive(memory, seen), seen)
 
     emitted = {}
-    for name, level_settings in config.learning:
+    for name, settings in config.learning:
         pending[name] = transitions.accumulate(
-            level_settings, pending[name], outcome, feedback, before
+            settings, pending[name], state.outcome, feedback, before
         )
         level = config.level(name)
         emitted[name] = transitions.emit(
-            level_settings,
+            settings,
             pending[name],
-            outcome,
+            state.outcome,
             feedback,
             level.features(memory, seen),
             level.ready(memory),
@@ -141,7 +128,7 @@ def _settle(config: StageConfig, parameters: Parameters, memory: Any, seen: Perc
 
     Now, so that what a learning level sees after a transition is what it will then act on.
     """
-    for level in config.leading:
+    for level in config.controller.levels[: config.leading]:
         memory, _ = controllers.choose(level, parameters, memory, seen)
     return memory
 
@@ -156,7 +143,7 @@ def _choose(
     """Let the other levels choose, those that learn with exploration: (pending, memory)."""
     seen, memory = rollout.percept, rollout.memory
     pending = dict(rollout.pending)
-    for number, level in enumerate(config.choosing):
+    for number, level in enumerate(config.controller.levels[config.leading :]):
         if level.name not in pending:
             memory, _ = controllers.choose(level, parameters, memory, seen)
             continue

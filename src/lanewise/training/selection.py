@@ -7,7 +7,7 @@
 ``last``             those at the end
 """
 
-from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from statistics import median_low
 
 import jax
@@ -15,6 +15,8 @@ import numpy as np
 
 from lanewise.controllers.controller import Parameters
 from lanewise.evaluation.episodes import Episodes
+from lanewise.training import stage
+from lanewise.training.stage import StageState
 
 RECENT = 10
 """Training episodes over which `best-training` averages (the paper's 10)."""
@@ -24,35 +26,56 @@ REWARD_SCALE = 50.0
 """In a validation's score, this much more reward weighs as much as success in every episode."""
 
 
-def score(validation: Episodes) -> float:
-    """What weights are worth by a validation: success first, then reward."""
-    return weighed(
-        float(np.mean(validation.success)),
-        float(np.mean(validation.accident > 0)),
-        float(np.mean(validation.accumulated_reward)),
-    )
+@dataclass(frozen=True)
+class StageCounters:
+    """The host's books of a stage: plain numbers, stored with each checkpoint."""
+
+    chunks: int = 0
+    """Chunks done."""
+    decisions: int = 0
+    """Decisions over all worlds."""
+    episodes: int = 0
+    """Completed episodes."""
+    recent: tuple[float, ...] = ()
+    """Rewards of the last `RECENT` completed episodes, ordered by (decision, world)."""
+    validations: int = 0
+    """Validations done."""
+    window: tuple[float, ...] = ()
+    """Scores of the last `WINDOW` of them."""
+    window_chunks: tuple[int, ...] = ()
+    """When these were."""
+    best_score: tuple[float, ...] = ()
+    """Score of the best weights so far; empty before the first."""
+    best_chunk: int = 0
+    """When they were found."""
+
+
+@dataclass(frozen=True)
+class StageProgress:
+    """A stage between two chunks."""
+
+    state: StageState
+    best: Parameters
+    """The best parameters so far of the levels that learn."""
+    window: Parameters
+    """Those of the last `WINDOW` validations, along a leading axis; empty where the rule looks at
+    no validation."""
+    counters: StageCounters = field(default_factory=StageCounters)
+
+    @property
+    def last(self) -> Parameters:
+        """The parameters as they are now, by level that learns."""
+        now: Parameters = jax.device_get(stage.online(self.state.learners))
+        return now
 
 
 def weighed(success_rate: float, accident_rate: float, reward: float) -> float:
-    """The score of a validation with these figures, its reward one a second."""
+    """The score of weights by a validation, its reward one a second: success first."""
     return success_rate - accident_rate + reward / REWARD_SCALE
 
 
-def median_place(scores: Sequence[float]) -> int:
-    """Place of the median: equal scores in order of time, of an even number the lower one."""
-    return median_low(zip(scores, range(len(scores)), strict=True))[1]
-
-
 def no_window(keep: str, weights: Parameters) -> Parameters:
-    """Room for the weights of `WINDOW` validations; none where the rule looks at no validation.
-
-    Args:
-        keep: the rule.
-        weights: of the levels that learn, as arrays or their shapes.
-
-    Returns:
-        Zeros with a leading axis of `WINDOW`, or no level at all.
-    """
+    """Room for the weights of `WINDOW` validations; none where the rule looks at no validation."""
     if keep != "best-validation":
         return {}
     room: Parameters = jax.tree.map(
@@ -61,19 +84,69 @@ def no_window(keep: str, weights: Parameters) -> Parameters:
     return room
 
 
-def put(window: Parameters, number: int, weights: Parameters) -> Parameters:
-    """The window with the weights of validation ``number``, from 0 on, in place of the oldest."""
+def select(
+    keep: str, progress: StageProgress, validation: Episodes | None, finished: bool
+) -> StageProgress:
+    """The progress with the weights that a rule keeps after a chunk.
+
+    Args:
+        keep: the rule.
+        progress: with the chunk counted.
+        validation: of the weights as they are now, if they were validated.
+        finished: whether this was the last chunk.
+    """
+    counters = progress.counters
+    if keep == "best-training" and len(counters.recent) == RECENT:
+        return _prefer(progress, float(np.mean(counters.recent)), counters.chunks, progress.last)
+    if keep != "best-validation" or validation is None:
+        return progress
+    progress = _validated(progress, validation)
+    counters = progress.counters
+    if len(counters.window) < WINDOW and not finished:
+        return progress
+    # Equal scores count in order of time; of an even number of validations the lower one is taken.
+    score, place = median_low((each, place) for place, each in enumerate(counters.window))
+    number = counters.validations - len(counters.window) + place
+    weights = jax.tree.map(lambda room: room[number % WINDOW], progress.window)
+    return _prefer(progress, score, counters.window_chunks[place], weights)
+
+
+def result(keep: str, progress: StageProgress) -> tuple[Parameters, int]:
+    """(the parameters that a stage hands on, the chunk they are of)."""
+    if keep == "last" or not progress.counters.best_score:
+        return progress.last, progress.counters.chunks
+    return progress.best, progress.counters.best_chunk
+
+
+def _validated(progress: StageProgress, validation: Episodes) -> StageProgress:
+    """The progress with one more validation in its window, in place of the oldest."""
+    counters = progress.counters
 
     def placed(room: np.ndarray, leaf: jax.Array) -> np.ndarray:
         room = room.copy()
-        room[number % WINDOW] = leaf
+        room[counters.validations % WINDOW] = leaf
         return room
 
-    after: Parameters = jax.tree.map(placed, window, weights)
-    return after
+    score = weighed(
+        float(np.mean(validation.success)),
+        float(np.mean(validation.accident > 0)),
+        float(np.mean(validation.accumulated_reward)),
+    )
+    counters_after = replace(
+        counters,
+        validations=counters.validations + 1,
+        window=(*counters.window, score)[-WINDOW:],
+        window_chunks=(*counters.window_chunks, counters.chunks)[-WINDOW:],
+    )
+    window = jax.tree.map(placed, progress.window, progress.last)
+    return replace(progress, window=window, counters=counters_after)
 
 
-def taken(window: Parameters, number: int) -> Parameters:
-    """The weights of validation ``number``, one of the last `WINDOW`."""
-    weights: Parameters = jax.tree.map(lambda room: room[number % WINDOW], window)
-    return weights
+def _prefer(
+    progress: StageProgress, score: float, chunk: int, weights: Parameters
+) -> StageProgress:
+    """The progress with these weights as the best ones, if their score is the highest so far."""
+    if progress.counters.best_score and score <= progress.counters.best_score[0]:
+        return progress
+    counters = replace(progress.counters, best_score=(score,), best_chunk=chunk)
+    return replace(progress, best=weights, counters=counters)

@@ -1,10 +1,14 @@
-"""Settings of training stages: a budget, and how each level learns. Imports no JAX."""
+"""Settings of a training: of each stage and level, and all of a run's together. Imports no JAX."""
 
 from dataclasses import dataclass, field
 from typing import Annotated
 
+from lanewise.controllers.settings import GoalSettings, PlannerSettings, SearchSettings
+from lanewise.driving.settings import DrivingSettings
+from lanewise.evaluation.settings import EvaluationSettings
 from lanewise.fields.ranges import Between, OneOf
 from lanewise.learning.settings import ExplorationSettings, LearnerSettings
+from lanewise.scenario.settings import TrapSettings
 
 
 @dataclass(frozen=True)
@@ -78,3 +82,53 @@ class HDQNSettings(BudgetSettings):
     """The high level, which learns from the external reward."""
     low_level: LevelSettings = field(default_factory=LevelSettings)
     """The low level, which is rewarded for reaching its goals."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Every setting of a run."""
+
+    scenario: TrapSettings = field(default_factory=TrapSettings)
+    """Who stands where at the start, and who drives how."""
+    driving: DrivingSettings = field(default_factory=DrivingSettings)
+    """The decision process around the ego."""
+    goals: GoalSettings = field(default_factory=GoalSettings)
+    """What the high level may ask for."""
+    planner: PlannerSettings = field(default_factory=PlannerSettings)
+    """The rule-based planner of step 1."""
+    search: SearchSettings = field(default_factory=SearchSettings)
+    """The search over the nine actions, a reference."""
+    evaluation: EvaluationSettings = field(default_factory=EvaluationSettings)
+    """How controllers are tested, and how weights are chosen."""
+    single_level: SingleLevelSettings = field(
+        default_factory=lambda: SingleLevelSettings(
+            decisions=360_000, learner=LearnerSettings(learning_rate_decay=45_000)
+        )
+    )
+    """Training of the single-level controller, with the budget of both steps together."""
+    high_level: StageSettings = field(
+        default_factory=lambda: StageSettings(learner=LearnerSettings(learning_rate_decay=15_000))
+    )
+    """Step 1: training of the high level above the planner."""
+    low_level: StageSettings = field(
+        default_factory=lambda: StageSettings(
+            decisions=240_000,
+            duration=60,
+            tracking_weight=1.0,
+            learner=LearnerSettings(learning_rate_decay=30_000),
+        )
+    )
+    """Step 2: training of the low level below the frozen high level."""
+    h_dqn: HDQNSettings = field(
+        default_factory=lambda: HDQNSettings(
+            decisions=360_000,
+            high_level=LevelSettings(learner=LearnerSettings(learning_rate_decay=45_000)),
+            low_level=LevelSettings(
+                external_weight=0.0,
+                goal_reward=1.0,
+                goal_end="terminal",
+                learner=LearnerSettings(discount=0.95, learning_rate_decay=45_000),
+            ),
+        )
+    )
+    """h-DQN: both levels together, with the budget of both steps."""

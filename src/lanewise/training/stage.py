@@ -21,17 +21,12 @@ from lanewise.learning.learner import Learner
 from lanewise.learning.replay import Replay
 from lanewise.system import pinned
 from lanewise.training import finite_checks, rollout
-from lanewise.training.finite_checks import ChunkFinite, IterationFinite
+from lanewise.training.finite_checks import ChunkFinite, IterationFinite, Sums
 from lanewise.training.rollout import Rollout, StageConfig
 from lanewise.training.settings import LevelSettings
-from lanewise.training.transitions import Emitted
 
 CHUNK = 50
 """Iterations in a compiled chunk; an iteration is one decision in every world."""
-
-
-Sums = tuple[Array, Array, Array]
-"""Over a level's updates in a chunk: their number, their losses, their mean Q-values."""
 LEVEL_STREAM = 1_000_000
 """First random stream of the levels after the first that learns."""
 
@@ -73,7 +68,7 @@ class LevelMetrics:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class ChunkMetrics:
-    """What a chunk reports; the host makes lines and curves of it."""
+    """What a chunk reports; the host makes records and curves of it."""
 
     episodes: EpisodeStats
     """[CHUNK, worlds] after each decision; whole episodes where ``outcome.over``."""
@@ -94,15 +89,15 @@ def begin(config: StageConfig, frozen: Parameters, key: Array) -> StageState:
     """
     network_key, start_key = (jax.random.fold_in(key, stream) for stream in (0, 1))
     learners, replays = {}, {}
-    for number, (name, level_settings) in enumerate(config.learning):
+    for number, (name, settings) in enumerate(config.learning):
         level = config.level(name)
         learners[name] = learner.begin(
             _of_level(network_key, number),
-            level_settings.learner,
+            settings.learner,
             level.feature_count,
             level.choice_count,
         )
-        replays[name] = replay.empty(level_settings.learner.replay_capacity, level.feature_count)
+        replays[name] = replay.empty(settings.learner.replay_capacity, level.feature_count)
     parameters = frozen | online(learners)
     start_keys = jax.random.split(start_key, config.budget.worlds)
     return StageState(
@@ -147,27 +142,21 @@ def iterate(
         partial(_iterate, config, frozen), (state, nothing), length=count
     )
     levels = {
-        name: _level_metrics(config, level_settings, state, name, sums[name])
-        for name, level_settings in config.learning
+        name: _level_metrics(config, settings, state, name, sums[name])
+        for name, settings in config.learning
     }
     found = finite_checks.of_chunk(
-        looks, episodes, state.rollouts, _losses(sums), state.learners, state.replays
+        looks, episodes, state.rollouts, sums, state.learners, state.replays
     )
     return state, ChunkMetrics(episodes=episodes, levels=levels, finite=found)
 
 
-def _losses(sums: dict[str, Sums]) -> dict[str, Array]:
-    """By level, the sum of the losses."""
-    return {name: loss for name, (_, loss, _) in sums.items()}
-
-
 def _level_metrics(
-    config: StageConfig, level_settings: LevelSettings, state: StageState, name: str, sums: Sums
+    config: StageConfig, settings: LevelSettings, state: StageState, name: str, sums: Sums
 ) -> LevelMetrics:
-    """A level at a chunk's end."""
     updates, loss, mean_q = sums
     return LevelMetrics(
-        epsilon=epsilon(level_settings, config.budget.worlds, state.iteration),
+        epsilon=epsilon(settings, config.budget.worlds, state.iteration),
         loss=loss / updates,
         mean_q=mean_q / updates,
         transitions=state.replays[name].position,
@@ -175,12 +164,12 @@ def _level_metrics(
     )
 
 
-def epsilon(level_settings: LevelSettings, worlds: int, iteration: Array) -> Array:
+def epsilon(settings: LevelSettings, worlds: int, iteration: Array) -> Array:
     """Epsilon at an iteration, counted over all worlds or in each (row 15 of the reading)."""
     steps = iteration
-    if level_settings.exploration.counted == "all-worlds":
+    if settings.exploration.counted == "all-worlds":
         steps = iteration * worlds
-    return exploration.epsilon(level_settings.exploration, steps)
+    return exploration.epsilon(settings.exploration, steps)
 
 
 def _iterate(
@@ -188,20 +177,15 @@ def _iterate(
 ) -> tuple[tuple[StageState, dict[str, Sums]], tuple[EpisodeStats, IterationFinite]]:
     """One decision in every world, then the updates that are due."""
     state, sums = carry
-    looked = finite_checks.between(state.rollouts, _losses(sums))
+    looked = finite_checks.between(state.rollouts, sums)
     step_key, update_key = jax.random.split(jax.random.fold_in(state.key, state.iteration + 2))
     state, stats = _drive(config, frozen, state, step_key)
-    learners = dict(state.learners)
-    sums = dict(sums)
-    for number, (name, level_settings) in enumerate(config.learning):
-        due = updates_due(level_settings, config.budget.worlds, state.iteration)
+    learners, sums = dict(state.learners), dict(sums)
+    for number, (name, settings) in enumerate(config.learning):
+        due = updates_due(settings, config.budget.worlds, state.iteration)
+        key = _of_level(update_key, number)
         learners[name], sums[name] = _learn(
-            level_settings,
-            learners[name],
-            state.replays[name],
-            sums[name],
-            due,
-            _of_level(update_key, number),
+            settings, learners[name], state.replays[name], sums[name], due, key
         )
     return (replace(state, learners=learners), sums), (stats, looked)
 
@@ -212,10 +196,7 @@ def _drive(
     """One decision in every world; complete transitions go to the replays."""
     parameters = frozen | online(state.learners)
     worlds = config.budget.worlds
-    now = {
-        name: epsilon(level_settings, worlds, state.iteration)
-        for name, level_settings in config.learning
-    }
+    now = {name: epsilon(settings, worlds, state.iteration) for name, settings in config.learning}
     keys, start_keys = jax.vmap(jax.random.split, out_axes=1)(jax.random.split(key, worlds))
     rollouts, emitted = jax.vmap(
         lambda world, world_key: rollout.step(config, parameters, world, now, world_key)
@@ -226,24 +207,17 @@ def _drive(
         rollouts,
         lambda over: jax.vmap(partial(rollout.begin, config, parameters))(start_keys[over]),
     )
-    replays = {name: _add(state.replays[name], emitted[name]) for name, _ in config.learning}
+    replays = dict(state.replays)
+    for name, _ in config.learning:
+        # [worlds, n] in one row.
+        flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), emitted[name])
+        replays[name] = replay.add(replays[name], flat.transitions, flat.complete)
     after = replace(state, iteration=state.iteration + 1, replays=replays, rollouts=rollouts)
     return after, stats
 
 
-def _add(memory: Replay, emitted: Emitted) -> Replay:
-    """The replay with what the worlds left for it, [worlds, n]."""
-    flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), emitted)
-    return replay.add(memory, flat.transitions, flat.complete)
-
-
 def _learn(
-    level_settings: LevelSettings,
-    state: Learner,
-    memory: Replay,
-    sums: Sums,
-    due: Array,
-    key: Array,
+    settings: LevelSettings, state: Learner, memory: Replay, sums: Sums, due: Array, key: Array
 ) -> tuple[Learner, Sums]:
     """A level's updates after an iteration: a loop of traced length, none during the warm-up.
 
@@ -253,24 +227,22 @@ def _learn(
 
     def update(index: Array, carry: tuple[Learner, Sums]) -> tuple[Learner, Sums]:
         current, (count, loss, mean_q) = carry
-        batch = replay.sample(
-            memory, jax.random.fold_in(key, index), level_settings.learner.batch_size
-        )
-        current, metrics = learner.update(level_settings.learner, current, batch)
+        batch = replay.sample(memory, jax.random.fold_in(key, index), settings.learner.batch_size)
+        current, metrics = learner.update(settings.learner, current, batch)
         return current, (count + 1.0, loss + metrics.loss, mean_q + metrics.mean_q)
 
     after: tuple[Learner, Sums] = jax.lax.fori_loop(0, due, update, (state, sums))
     return after
 
 
-def updates_due(level_settings: LevelSettings, worlds: int, iteration: Array) -> Array:
+def updates_due(settings: LevelSettings, worlds: int, iteration: Array) -> Array:
     """A level's updates after iteration number ``iteration``, the first being 1; int32 [].
 
     Their running total follows ``updates_per_step``.
     """
-    rate = level_settings.updates_per_step * worlds
+    rate = settings.updates_per_step * worlds
     whole, part = floor(rate), rate - floor(rate)
     # The whole part apart, so that a float32 product of the count stays exact enough.
     extra = jnp.floor(iteration * part) - jnp.floor((iteration - 1) * part)
-    warm = iteration * worlds > level_settings.learner.warm_up
+    warm = iteration * worlds > settings.learner.warm_up
     return jnp.where(warm, whole + extra, 0).astype(jnp.int32)

@@ -46,13 +46,14 @@ class Emitted:
     """bool [n] which of them go to the replay."""
 
 
-def empty(level_settings: LevelSettings, feature_count: int) -> Pending:
+def empty(settings: LevelSettings, feature_count: int) -> Pending:
     """No choice pending."""
+    n = settings.returns
     return Pending(
-        features=jnp.zeros((level_settings.returns, feature_count), jnp.float32),
-        choice=jnp.zeros(level_settings.returns, jnp.int32),
-        reward=jnp.zeros(level_settings.returns, jnp.float32),
-        discount=jnp.ones(level_settings.returns, jnp.float32),
+        features=jnp.zeros((n, feature_count), jnp.float32),
+        choice=jnp.zeros(n, jnp.int32),
+        reward=jnp.zeros(n, jnp.float32),
+        discount=jnp.ones(n, jnp.float32),
         count=jnp.int32(0),
     )
 
@@ -73,11 +74,7 @@ def push(pending: Pending, features: Array, choice: Array) -> Pending:
 
 
 def accumulate(
-    level_settings: LevelSettings,
-    pending: Pending,
-    outcome: Outcome,
-    feedback: Feedback,
-    before: Array,
+    settings: LevelSettings, pending: Pending, outcome: Outcome, feedback: Feedback, before: Array
 ) -> Pending:
     """Add a decision's reward to every pending choice.
 
@@ -87,38 +84,36 @@ def accumulate(
     decision (row 14).
 
     Args:
-        level_settings: the weights.
+        settings: the weights.
         pending: the choices.
         outcome: of the decision.
         feedback: after it, of the goal it was made under.
         before: [] distance from that goal before the decision.
     """
     alive = ~outcome.terminated
-    tracking = jnp.where(alive, level_settings.tracking_weight * feedback.distance, 0.0)
-    goal = jnp.where(alive & feedback.reached, level_settings.goal_reward, 0.0)
-    reward = level_settings.external_weight * outcome.reward - tracking + goal
-    if level_settings.approach_weight:
-        reward += jnp.where(
-            alive, level_settings.approach_weight * (before - feedback.distance), 0.0
-        )
-    weight = pending.discount
-    if level_settings.discount_across_goal == "per-goal":
-        weight = _per_choice(level_settings, 0)
+    tracking = jnp.where(alive, settings.tracking_weight * feedback.distance, 0.0)
+    goal = jnp.where(alive & feedback.reached, settings.goal_reward, 0.0)
+    reward = settings.external_weight * outcome.reward - tracking + goal
+    if settings.approach_weight:
+        approach = settings.approach_weight * (before - feedback.distance)
+        reward += jnp.where(alive, approach, 0.0)
+    per_goal = settings.discount_across_goal == "per-goal"
+    weight = _per_choice(settings, 0) if per_goal else pending.discount
     return replace(
         pending,
         reward=pending.reward + weight * reward,
-        discount=pending.discount * level_settings.learner.discount,
+        discount=pending.discount * settings.learner.discount,
     )
 
 
-def _per_choice(level_settings: LevelSettings, first: int) -> Array:
+def _per_choice(settings: LevelSettings, first: int) -> Array:
     """gamma^(i + first) for the choice i choices back, [n]."""
-    powers = np.arange(first, first + level_settings.returns)
-    return jnp.asarray(np.power(level_settings.learner.discount, powers), jnp.float32)
+    powers = np.arange(first, first + settings.returns)
+    return jnp.asarray(np.power(settings.learner.discount, powers), jnp.float32)
 
 
 def emit(
-    level_settings: LevelSettings,
+    settings: LevelSettings,
     pending: Pending,
     outcome: Outcome,
     feedback: Feedback,
@@ -129,17 +124,15 @@ def emit(
 
     The oldest of n choices is complete when the next one is due; at an episode's end all are.
     """
-    n = level_settings.returns
-    discount = pending.discount
-    if level_settings.discount_across_goal == "per-goal":
-        discount = _per_choice(level_settings, 1)
+    per_goal = settings.discount_across_goal == "per-goal"
+    discount = _per_choice(settings, 1) if per_goal else pending.discount
     over = outcome.terminated
-    if level_settings.time_out == "terminal":
+    if settings.time_out == "terminal":
         over = over | outcome.truncated
-    if level_settings.goal_end == "terminal":
+    if settings.goal_end == "terminal":
         over = over | feedback.reached
     done = outcome.terminated | outcome.truncated
-    index = jnp.arange(n)
+    index = jnp.arange(settings.returns)
     return Emitted(
         transitions=Transition(
             features=pending.features,
@@ -148,5 +141,5 @@ def emit(
             discount=jnp.where(over, 0.0, discount),
             next_features=jnp.broadcast_to(next_features, pending.features.shape),
         ),
-        complete=(index < pending.count) & (done | (ready & (index == n - 1))),
+        complete=(index < pending.count) & (done | (ready & (index == settings.returns - 1))),
     )
