@@ -234,7 +234,7 @@ def test_progress_is_told_unless_quiet_is_asked(tmp_path, monkeypatch, capsys, q
     ("given", "said"),
     [
         ({"warm_up": 3}, "may be single_level.learner.warm_up, .* give it in full"),
-        ({"controller": "single-level", "high_level": "a"}, "only hierarchical and planned"),
+        ({"controller": "single-level", "high_level_of": "a"}, "only hierarchical and planned"),
     ],
     ids=["short name", "no step 1"],
 )
