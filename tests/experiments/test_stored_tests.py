@@ -140,7 +140,7 @@ def test_tests_are_neither_written_nor_read_through_a_link(job, tmp_path):
     (job.path / TESTS).symlink_to(elsewhere)
     for use in (
         lambda: job.read_test("lanewise"),
-        lambda: job.tested("lanewise"),
+        lambda: job.done,
         lambda: store_test(job, made_up_episodes(1)),
     ):
         with pytest.raises(RunError, match=r"cannot use .*tests: not a folder; delete it"):

@@ -30,10 +30,8 @@ Scores = NDArray[np.float64]
 
 RESAMPLES = 10_000
 """Bootstrap resamples: an end of an interval then moves by about 1 % of its width if redrawn."""
-
 TRIM = 0.25
 """Share of the scores left out at either end."""
-
 _BATCH = 1_000
 """Resamples drawn at once, which bounds the memory."""
 
@@ -58,15 +56,10 @@ def interquartile_mean(scores: Scores) -> Scores:
 
     Whole scores are left out, as in rliable, and none is weighted by a fraction, so that the
     figures can be compared with those of other papers. It follows that it is the plain mean for
-    fewer than 4 scores, and leaves out one of 5 at either end.
+    fewer than 4 scores, and leaves out one of 5 at either end. [..., seeds, tasks] to [...]; tasks
+    are in one unit, as they are pooled.
 
     Source: Agarwal et al. 2021, section 4.3.
-
-    Args:
-        scores: [..., seeds, tasks], in any unit; tasks in one unit, as they are pooled.
-
-    Returns:
-        [...], in the unit of the scores.
     """
     pooled = scores.reshape(*scores.shape[:-2], -1)
     middle: Scores = stats.trim_mean(pooled, TRIM, axis=-1)
@@ -85,9 +78,6 @@ def probability_of_improvement(scores: Scores, others: Scores) -> Scores:
     Args:
         scores: [..., n, tasks] of the arm that may be ahead; higher is better.
         others: [..., m, tasks] of the other arm.
-
-    Returns:
-        [...], fractions of 1.
 
     Raises:
         ValueError: the tasks are not as many.
@@ -112,19 +102,17 @@ def estimate(
 
     Source: Efron, "Bootstrap methods", Annals of Statistics 7 (1979); Agarwal et al. 2021.
 
+    The ends are NaN where the bootstrap cannot tell: an arm of one seed, or no spread (such as
+    equal seeds), where an interval without width would pretend to be certain.
+
     Args:
         statistic: takes one array [..., seeds, tasks] an arm, and gives [...].
         arms: the scores of each, [seeds] or [seeds, tasks].
         seed: of the resampling; the same seed and scores give the same interval.
         resamples: number of resamples.
 
-    Returns:
-        Value and interval. Its ends are NaN where the bootstrap cannot tell: an arm of one seed,
-        or no spread (such as equal seeds), where an interval without width would pretend to be
-        certain.
-
     Raises:
-        ValueError: if an arm has no score, one is not finite, or the tasks are not as many.
+        ValueError: an arm has no score, one is not finite, or the tasks are not as many.
     """
     tables = [_table(scores) for scores in arms]
     value = float(statistic(*tables))

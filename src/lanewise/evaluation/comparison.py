@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
-from lanewise.evaluation import metrics, paired
+from lanewise.evaluation import metrics, statistics
 from lanewise.evaluation.aggregates import (
     Estimate,
     estimate,
@@ -21,10 +21,9 @@ from lanewise.evaluation.aggregates import (
 )
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.metrics import Summary
-from lanewise.evaluation.paired import MeanDifference, RateDifference
+from lanewise.evaluation.statistics import MeanDifference, RateDifference
 
 Difference = MeanDifference | RateDifference
-
 
 COMPARED: Mapping[str, Callable[[Episodes], NDArray[Any]]] = {
     "escape_rate": lambda episodes: episodes.escaped,
@@ -46,7 +45,6 @@ class Entry:
     name: str
     """What the user calls it."""
     controller: str
-    """Name of its controller."""
     seed: int
     """Of its training."""
     settings: Hashable
@@ -58,11 +56,9 @@ class Arm:
     """The runs that differ in their seed alone."""
 
     controller: str
-    """Name of their controller."""
     runs: tuple[int, ...]
     """Which runs, in the order of their seeds."""
     seeds: tuple[int, ...]
-    """Their seeds."""
     values: Mapping[str, tuple[float, ...]]
     """By metric: one value a seed."""
     interquartile_mean: Mapping[str, Estimate]
@@ -74,7 +70,6 @@ class Improvement:
     """How likely a new seed of one arm does better than a new seed of another."""
 
     arm: int
-    """Which arm."""
     over: int
     """Which other arm."""
     probability: Mapping[str, Estimate]
@@ -86,7 +81,6 @@ class Comparison:
     """Everything there is to say about several runs."""
 
     runs: tuple[Entry, ...]
-    """As given."""
     summaries: tuple[Summary, ...]
     """Each run's metrics."""
     differences: tuple[Mapping[str, Difference], ...]
@@ -103,15 +97,10 @@ class Comparison:
 
 
 def compare(runs: Sequence[Entry], episodes: Sequence[Episodes], world: str) -> Comparison:
-    """Compare runs that drove the same starts in one world.
-
-    Args:
-        runs: at least two.
-        episodes: of each run; the i-th of one started where the i-th of the others did.
-        world: its name.
+    """Compare runs; the i-th of a run's ``episodes`` started where the i-th of the others did.
 
     Raises:
-        LanewiseError: if there are fewer than two runs, two are the same, or they did not drive
+        LanewiseError: there are fewer than two runs, two are the same, or they did not drive
             equally many episodes.
     """
     members = arm_members(runs)
@@ -130,7 +119,7 @@ def arm_members(runs: Sequence[Entry]) -> list[tuple[int, ...]]:
     """The numbers of the runs of each arm, in the order of their seeds.
 
     Raises:
-        LanewiseError: if there are fewer than two runs, or two are the same.
+        LanewiseError: there are fewer than two runs, or two are the same.
     """
     if len(runs) < 2:
         raise LanewiseError(f"a comparison needs at least two runs, got {len(runs)}")
@@ -151,7 +140,8 @@ def _differences(first: Episodes, other: Episodes) -> dict[str, Difference]:
     for name, outcomes in COMPARED.items():
         before, after = outcomes(first), outcomes(other)
         is_rate = before.dtype == np.bool_
-        found[name] = (paired.rate_difference if is_rate else paired.mean_difference)(before, after)
+        compare = statistics.rate_difference if is_rate else statistics.mean_difference
+        found[name] = compare(before, after)
     return found
 
 
@@ -170,11 +160,8 @@ def _improvements(arms: Sequence[Arm]) -> tuple[Improvement, ...]:
     """Each arm over each before it, if seeds were repeated at all."""
     if all(len(arm.runs) < 2 for arm in arms):
         return ()
-    return tuple(
-        Improvement(later, earlier, _probability(arms[later], arms[earlier]))
-        for later in range(len(arms))
-        for earlier in range(later)
-    )
+    pairs = ((later, earlier) for later in range(len(arms)) for earlier in range(later))
+    return tuple(Improvement(*pair, _probability(*(arms[n] for n in pair))) for pair in pairs)
 
 
 def _probability(arm: Arm, over: Arm) -> dict[str, Estimate]:

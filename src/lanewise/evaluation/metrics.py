@@ -29,17 +29,12 @@ class Metric:
     unit: str
     """Unit of the stored value; empty for plain numbers, and for rates, which are fractions."""
     meaning: str
-    """Definition."""
     compute: Callable[[Episodes], tuple[float, Interval]]
     """Value and 95 % interval of a set of episodes; NaN where there is none."""
     counted: str = ""
     """How often what it sums is counted; shown in place of a unit."""
     rate: bool = False
     """Is it a share, stored as a fraction of 1 and shown in percent?"""
-    single_level: float | None = None
-    """Published for the single-level controller."""
-    hierarchical: float | None = None
-    """Published for the hierarchical controller."""
 
 
 def _share(happened: NDArray[np.bool_]) -> tuple[float, Interval]:
@@ -78,8 +73,6 @@ METRICS = (
         "episode ended; an accident later does not count against it",
         lambda episodes: _share(episodes.escaped),
         rate=True,
-        single_level=0.0,
-        hierarchical=0.9767,
     ),
     Metric(
         "success_rate",
@@ -97,8 +90,6 @@ METRICS = (
         "share of episodes with a collision, off the road, or come to a stop",
         lambda episodes: _share(episodes.accident != 0),
         rate=True,
-        single_level=0.0,
-        hierarchical=0.0233,
     ),
     Metric(
         "accumulated_reward",
@@ -108,8 +99,6 @@ METRICS = (
         "its penalty once and ends the sum",
         lambda episodes: _mean(episodes.accumulated_reward),
         counted="1 a second",
-        single_level=3.32,
-        hierarchical=13.20,
     ),
     Metric(
         "average_speed",
@@ -117,8 +106,6 @@ METRICS = (
         "m/s",
         "mean over episodes of the ego's mean speed",
         lambda episodes: _mean(episodes.average_speed),
-        single_level=10.29,
-        hierarchical=13.42,
     ),
     Metric(
         "travel_distance",
@@ -126,8 +113,6 @@ METRICS = (
         "m",
         "mean over episodes of the distance travelled along the road",
         lambda episodes: _mean(episodes.travel_distance),
-        single_level=257.29,
-        hierarchical=331.60,
     ),
     Metric(
         "reward_per_second",
@@ -155,15 +140,24 @@ METRICS = (
 """Every metric, in the order of the tables."""
 
 PUBLISHED: dict[str, dict[str, float]] = {
-    "single-level": {m.name: m.single_level for m in METRICS if m.single_level is not None},
-    "hierarchical": {m.name: m.hierarchical for m in METRICS if m.hierarchical is not None},
+    "single-level": {
+        "escape_rate": 0.0,
+        "accident_rate": 0.0,
+        "accumulated_reward": 3.32,
+        "average_speed": 10.29,
+        "travel_distance": 257.29,
+    },
+    "hierarchical": {
+        "escape_rate": 0.9767,
+        "accident_rate": 0.0233,
+        "accumulated_reward": 13.20,
+        "average_speed": 13.42,
+        "travel_distance": 331.60,
+    },
 }
 """The paper's table "Performance Comparison", by controller and metric."""
-
-
 TRAINING_WINDOW = 50
 """Last training episodes behind the paper's training table."""
-
 PUBLISHED_TRAINING: dict[str, dict[str, float]] = {
     "single-level": {"reward": 25.82, "speed": 10.89, "escaped": 0.0},
     "hierarchical": {"reward": 47.94, "speed": 13.089, "escaped": 0.6},
@@ -176,9 +170,7 @@ class Summary:
     """The metrics of one controller in one world."""
 
     controller: str
-    """Name of the controller."""
     world: str
-    """Name of the world it drove in."""
     episodes: int
     """Number of test episodes."""
     values: Mapping[str, float]
@@ -219,30 +211,21 @@ class Summary:
 def summarise(
     episodes: Episodes, *, controller: str, world: str, unlike_paper: str | None = None
 ) -> Summary:
-    """Every metric of a set of test episodes.
-
-    Args:
-        episodes: their outcomes.
-        controller: its name.
-        world: its name.
-        unlike_paper: as of `Summary`.
+    """Every metric of a set of test episodes; the other arguments are as of `Summary`.
 
     Raises:
-        LanewiseError: if there is no episode.
+        LanewiseError: there is no episode.
     """
     if not len(episodes):
         raise LanewiseError("there is no test episode to summarise; ask for at least one")
     computed = {metric.name: metric.compute(episodes) for metric in METRICS}
+    counts = np.bincount(episodes.accident, minlength=len(ACCIDENTS)).tolist()
     return Summary(
         controller,
         world,
         len(episodes),
         {name: value for name, (value, _) in computed.items()},
-        {
-            cause: int((episodes.accident == code).sum())
-            for code, cause in enumerate(ACCIDENTS)
-            if code
-        },
+        dict(zip(ACCIDENTS[1:], counts[1:], strict=True)),
         {name: interval for name, (_, interval) in computed.items() if isfinite(interval[0])},
         unlike_paper,
     )
@@ -262,7 +245,6 @@ class Paired:
     """Two worlds, or two controllers, on the same starts."""
 
     episodes: int
-    """Number of pairs."""
     differing: tuple[int, ...]
     """Starts whose success or accident differs."""
 
@@ -285,7 +267,7 @@ def paired(a: Episodes, b: Episodes) -> Paired:
     """Compare outcomes start by start; where one set is longer, its further starts are left out.
 
     Raises:
-        LanewiseError: if there is no common start.
+        LanewiseError: there is no common start.
     """
     common = min(len(a), len(b))
     if not common:
@@ -296,8 +278,17 @@ def paired(a: Episodes, b: Episodes) -> Paired:
 
 _NUMBERS = tuple(n for n in Episodes.__dataclass_fields__ if n not in ("success", "accident"))
 _WHOLE = ("goals", "goals_timed_out")
-_UNKNOWN = ("escape_time",)
-"""Columns whose numbers may be missing."""
+
+
+def to_csv(episodes: Episodes) -> str:
+    """One row an episode as comma-separated text, numbers in full; an unknown value is empty."""
+    lines = [",".join(["episode", "success", "accident", *_NUMBERS])]
+    for i in range(len(episodes)):
+        numbers = (getattr(episodes, name)[i].item() for name in _NUMBERS)
+        cells = ("" if number != number else repr(number) for number in numbers)
+        cause = ACCIDENTS[episodes.accident[i]]
+        lines.append(",".join([str(i), str(int(episodes.success[i])), cause, *cells]))
+    return "\n".join(lines) + "\n"
 
 
 def from_csv(text: str) -> Episodes:
@@ -321,26 +312,10 @@ def from_csv(text: str) -> Episodes:
 
 
 def _numbers(name: str, column: Sequence[str]) -> NDArray[Any]:
-    """A column as `to_csv` writes it.
-
-    Raises:
-        ValueError: a number is infinite, or unknown where it cannot be.
-    """
+    """A column as `to_csv` writes it: finite, and only the time of an escape may be unknown."""
     if name in _WHOLE:
         return np.array([int(cell) for cell in column], np.int64)
     values = np.array([float(cell or nan) for cell in column], np.float64)
-    known = values if name not in _UNKNOWN else values[~np.isnan(values)]
-    if not np.isfinite(known).all():
+    if not (np.isfinite(values) | (np.isnan(values) & (name == "escape_time"))).all():
         raise ValueError(f"{name} is not finite")
     return values
-
-
-def to_csv(episodes: Episodes) -> str:
-    """One row an episode as comma-separated text, numbers in full; an unknown value is empty."""
-    lines = [",".join(["episode", "success", "accident", *_NUMBERS])]
-    for i in range(len(episodes)):
-        numbers = (getattr(episodes, name)[i].item() for name in _NUMBERS)
-        cells = ("" if number != number else repr(number) for number in numbers)
-        cause = ACCIDENTS[episodes.accident[i]]
-        lines.append(",".join([str(i), str(int(episodes.success[i])), cause, *cells]))
-    return "\n".join(lines) + "\n"

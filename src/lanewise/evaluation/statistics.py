@@ -1,10 +1,17 @@
-"""95 % intervals: exact ones for rates, Student's for means, and for ratios of two sums.
+"""95 % intervals and paired tests of episodes.
 
-`scipy.special` alone: `scipy.stats` has the same quantiles, but takes three times as long to
-import, and every test of a controller imports this module.
+Intervals use `scipy.special` alone: `scipy.stats` has the same quantiles, but takes three times as
+long to import, and every test of a controller imports this module.
+
+Pairs are two controllers on the same starts. What the starts have in common (where traffic stands)
+falls out of a paired difference, which makes it sharper than two separate intervals. It speaks of
+the two controllers that drove, not of the way they were trained: for that take several seeds
+(`aggregates`).
 """
 
-from math import nan, sqrt
+from dataclasses import dataclass
+from math import isfinite, nan, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,29 +23,21 @@ CONFIDENCE = 0.95
 """Share of repetitions in which an interval is to hold the true value."""
 
 
-def clopper_pearson(successes: int, trials: int, confidence: float = CONFIDENCE) -> Interval:
-    """Exact interval of a rate.
+def clopper_pearson(successes: int, trials: int) -> Interval:
+    """Exact interval of a rate, fractions of 1.
 
-    It holds the true rate with at least the stated confidence for every rate and number of
-    trials: the low end p solves P(X >= k | p) = (1 - confidence) / 2, the high end
-    P(X <= k | p) = (1 - confidence) / 2. Both are quantiles of beta distributions.
+    It holds the true rate with at least this confidence for every rate and number of trials: the
+    low end p solves P(X >= k | p) = 0.025, the high end P(X <= k | p) = 0.025. Both are quantiles
+    of beta distributions.
 
     Source: Clopper and Pearson, Biometrika 26 (1934).
 
-    Args:
-        successes: k, how many trials had the outcome.
-        trials: n, at least 1.
-        confidence: between 0 and 1.
-
-    Returns:
-        Low and high end, fractions of 1.
-
     Raises:
-        ValueError: if the counts are impossible.
+        ValueError: the counts are impossible.
     """
     if not 0 <= successes <= trials or trials < 1:
         raise ValueError(f"{successes} of {trials} is not a rate")
-    tail = (1.0 - confidence) / 2.0
+    tail = (1.0 - CONFIDENCE) / 2.0
     failures = trials - successes
     low = float(special.betaincinv(successes, failures + 1, tail)) if successes else 0.0
     # The upper end of a rate is the lower end of its opposite, taken from 1.
@@ -46,44 +45,28 @@ def clopper_pearson(successes: int, trials: int, confidence: float = CONFIDENCE)
     return low, high
 
 
-def mean_interval(values: ArrayLike, confidence: float = CONFIDENCE) -> Interval:
+def mean_interval(values: ArrayLike) -> Interval:
     """Student's interval of a mean: m -/+ t s / sqrt(n), with n - 1 degrees of freedom.
 
-    The standard interval for independent episodes. It trusts that the mean is close to normal,
-    which a few hundred episodes make so even where the single outcomes are not.
-
-    Args:
-        values: [n] one value an episode, in any unit.
-        confidence: between 0 and 1.
-
-    Returns:
-        Low and high end, in the unit of the values; NaN for fewer than two values.
+    It trusts that the mean is close to normal, which a few hundred episodes make so even where the
+    single outcomes are not. NaN for fewer than two values.
     """
     sample = np.asarray(values, dtype=np.float64)
     if sample.size < 2:
         return nan, nan
     mean = float(sample.mean())
-    half = _student_quantile(sample.size - 1, confidence) * float(sample.std(ddof=1))
+    half = _student_quantile(sample.size - 1) * float(sample.std(ddof=1))
     return mean - half / sqrt(sample.size), mean + half / sqrt(sample.size)
 
 
-def ratio_interval(
-    numerators: ArrayLike, denominators: ArrayLike, confidence: float = CONFIDENCE
-) -> Interval:
+def ratio_interval(numerators: ArrayLike, denominators: ArrayLike) -> Interval:
     """Interval of sum(a) / sum(b), where an episode gives one pair (a, b).
 
     R -/+ t s(a - R b) / (mean(b) sqrt(n)): the delta method, with episodes as the independent
-    units, because the goals or seconds inside one episode are not.
+    units, because the goals or seconds inside one episode are not. NaN for fewer than two pairs or
+    where the denominators sum to zero.
 
     Source: Cochran, Sampling Techniques (1977), section 6.4.
-
-    Args:
-        numerators: [n].
-        denominators: [n], not negative.
-        confidence: between 0 and 1.
-
-    Returns:
-        Low and high end; NaN for fewer than two pairs or where the denominators sum to zero.
     """
     above = np.asarray(numerators, dtype=np.float64)
     below = np.asarray(denominators, dtype=np.float64)
@@ -91,10 +74,91 @@ def ratio_interval(
         return nan, nan
     ratio = float(above.sum() / below.sum())
     spread = float((above - ratio * below).std(ddof=1) / below.mean())
-    half = _student_quantile(above.size - 1, confidence) * spread / sqrt(above.size)
+    half = _student_quantile(above.size - 1) * spread / sqrt(above.size)
     return ratio - half, ratio + half
 
 
-def _student_quantile(degrees: int, confidence: float) -> float:
-    """The t with P(-t < T < t) = confidence, for Student's T."""
-    return float(special.stdtrit(degrees, (1.0 + confidence) / 2.0))
+def _student_quantile(degrees: int) -> float:
+    """The t with P(-t < T < t) = `CONFIDENCE`, for Student's T."""
+    return float(special.stdtrit(degrees, (1.0 + CONFIDENCE) / 2.0))
+
+
+@dataclass(frozen=True)
+class MeanDifference:
+    """Mean difference of a quantity, second minus first."""
+
+    value: float
+    """In the quantity's unit."""
+    interval: Interval
+    """95 %, Student's over pairs; NaN for one pair."""
+
+    def to_json(self) -> dict[str, Any]:
+        """One object for JSON."""
+        known = isfinite(self.interval[0])
+        return {"difference": self.value, "interval": list(self.interval) if known else None}
+
+
+@dataclass(frozen=True)
+class RateDifference:
+    """Difference of the rate of an outcome, second minus first, with McNemar's exact test."""
+
+    value: float
+    """A fraction of 1."""
+    only_second: int
+    """Starts with the outcome for the second controller alone."""
+    only_first: int
+    """Starts with the outcome for the first controller alone."""
+    p_value: float
+    """Chance of counts at least as uneven, were both controllers equally likely to stand alone."""
+
+    def to_json(self) -> dict[str, Any]:
+        """One object for JSON."""
+        return {
+            "difference": self.value,
+            "only_this": self.only_second,
+            "only_first": self.only_first,
+            "p_value": self.p_value,
+        }
+
+
+def mean_difference(first: ArrayLike, second: ArrayLike) -> MeanDifference:
+    """Mean of second minus first over n pairs, with Student's interval.
+
+    Raises:
+        ValueError: there is no pair, or the lengths differ.
+    """
+    difference = np.subtract(*_pairs(second, first), dtype=np.float64)
+    return MeanDifference(float(difference.mean()), mean_interval(difference))
+
+
+def rate_difference(first: ArrayLike, second: ArrayLike) -> RateDifference:
+    """How much more often the second controller had an outcome, [n] bool, and if that is chance.
+
+    Raises:
+        ValueError: there is no pair, or the lengths differ.
+    """
+    before, after = (np.asarray(side, dtype=np.bool_) for side in _pairs(first, second))
+    only_second, only_first = int((after & ~before).sum()), int((before & ~after).sum())
+    value = (only_second - only_first) / len(before)
+    return RateDifference(value, only_second, only_first, mcnemar(only_second, only_first))
+
+
+def mcnemar(only_first: int, only_second: int) -> float:
+    """Exact two-sided p-value of McNemar's test on the counts of discordant pairs; 1 without any.
+
+    Pairs with equal outcomes say nothing. If neither side is ahead, each discordant pair falls to
+    either with 1/2, which is the binomial test.
+
+    Source: McNemar, Psychometrika 12 (1947); Agresti, Categorical Data Analysis (2002), 10.1.
+    """
+    from scipy import stats
+
+    total = only_first + only_second
+    return float(stats.binomtest(only_first, total).pvalue) if total else 1.0
+
+
+def _pairs(first: ArrayLike, second: ArrayLike) -> tuple[Any, Any]:
+    ours, theirs = np.asarray(first), np.asarray(second)
+    if ours.shape != theirs.shape or ours.ndim != 1 or not len(ours):
+        raise ValueError(f"{ours.shape} and {theirs.shape} are not pairs")
+    return ours, theirs

@@ -30,6 +30,7 @@ from lanewise.config import validation
 from lanewise.config.settings import PRESETS, Settings
 from lanewise.controllers.registry import CONTROLLERS, WITH_STEP_1
 from lanewise.errors import SettingsError, brief
+from lanewise.fields.ranges import EPISODES, Between, FieldType
 from lanewise.fields.suggestions import look_up, nearest
 from lanewise.system import safe_io
 
@@ -38,7 +39,12 @@ BUILT_IN = ("quick", "standard", "paper")
 _LARGEST_FILE = 100_000
 _MOST_ARMS = 100
 _LONGEST_TEXT = 200
-_COUNTS = {"seeds": (1, 1000), "episodes": (1, 10_000_000), "highway_env_episodes": (0, 10_000_000)}
+_COUNTS = {
+    "seeds": FieldType(int, None, Between(1, 1000)),
+    "episodes": FieldType(int, None, EPISODES),
+    "highway_env_episodes": FieldType(int, None, Between(0, EPISODES.high)),
+}
+_TEXT = FieldType(str)
 
 
 @dataclass(frozen=True)
@@ -56,11 +62,9 @@ class ExperimentArm:
     high_level: str = ""
     """Arm whose step 1 is taken over; empty to train its own."""
     seeds: int | None = None
-    """Instead of the experiment's."""
+    """Instead of the experiment's, as are the next two."""
     episodes: int | None = None
-    """Instead of the experiment's."""
     highway_env_episodes: int | None = None
-    """Instead of the experiment's."""
 
     @property
     def trained(self) -> bool:
@@ -81,11 +85,7 @@ class Experiment:
     arms: tuple[ExperimentArm, ...]
 
     def settings(self, arm: ExperimentArm, trap: str, overrides: Mapping[str, object]) -> Settings:
-        """Every setting of an arm: preset < trap < the arm's own < ``overrides``.
-
-        Raises:
-            SettingsError: as `config.compose`, with the arm's name.
-        """
+        """Every setting of an arm: preset < trap < the arm's own < ``overrides``."""
         try:
             changes = dict(arm.changes) | dict(overrides)
             return config.compose(preset=self.preset, trap=trap, flags=changes)
@@ -99,11 +99,7 @@ class Experiment:
         return common if own is None else own
 
     def only(self, names: tuple[str, ...]) -> "Experiment":
-        """The experiment with these arms alone, and those whose step 1 they take over.
-
-        Raises:
-            SettingsError: there is no such arm.
-        """
+        """The experiment with these arms alone, and those whose step 1 they take over."""
         known = {arm.name: arm for arm in self.arms}
         wanted = {look_up("arm", name, known).name for name in names}
         wanted |= {known[name].high_level for name in wanted} - {""}
@@ -111,11 +107,7 @@ class Experiment:
 
 
 def load(name: str) -> Experiment:
-    """A built-in experiment.
-
-    Raises:
-        SettingsError: there is none of that name.
-    """
+    """A built-in experiment."""
     look_up("experiment", name, dict.fromkeys(BUILT_IN))
     text = resources.files(__package__).joinpath(f"{name}.toml").read_text("utf-8")
     return parse(name, text)
@@ -128,13 +120,11 @@ def load_file(path: Path) -> Experiment:
         SettingsError: it cannot be read, or something in it is wrong.
     """
     try:
-        text = safe_io.read_bytes(path, _LARGEST_FILE).decode("utf-8")
+        return parse(path.stem, safe_io.read_bytes(path, _LARGEST_FILE).decode("utf-8"))
     except safe_io.UnreadableError as error:
         raise SettingsError(f"cannot read experiment {path}: {error}") from error
     except UnicodeDecodeError as error:
         raise SettingsError(f"cannot read experiment {path}: not UTF-8 text") from error
-    try:
-        return parse(path.stem, text)
     except SettingsError as error:
         raise SettingsError(f"{path}: {error}") from error
 
@@ -150,15 +140,13 @@ def parse(name: str, text: str) -> Experiment:
     except ValueError as error:
         raise SettingsError(f"not valid TOML: {error}") from error
     _known(table, ("title", "preset", *_COUNTS, "arms"), "an experiment")
-    counts = {key: _count(table, key) for key in _COUNTS}
     arms = _table(table, "arms")
-    if not arms:
-        raise SettingsError("an experiment needs at least one [arms.NAME]")
-    if len(arms) > _MOST_ARMS:
-        raise SettingsError(f"an experiment has at most {_MOST_ARMS} arms, got {len(arms)}")
+    if not 0 < len(arms) <= _MOST_ARMS:
+        raise SettingsError(f"an experiment needs at least one [arms.NAME], at most {_MOST_ARMS}")
     parsed = tuple(_arm(arm, _table(arms, arm)) for arm in arms)
     preset = _text(table, "preset", "quick")
     look_up("preset", preset, PRESETS)
+    counts = {key: kind.check(key, table.get(key)) for key, kind in _COUNTS.items()}
     found = Experiment(name, _text(table, "title", name), preset, arms=parsed, **counts)
     for arm in parsed:
         found.settings(arm, "trap-10", {})
@@ -176,10 +164,14 @@ def _arm(name: str, table: Mapping[str, Any]) -> ExperimentArm:
     _known(table, ("title", "controller", "high_level", "settings", *_COUNTS), f"arm {name}")
     controller = _text(table, "controller", "")
     look_up("controller", controller, CONTROLLERS)
-    changes = _table(table, "settings") if "settings" in table else {}
-    title = _text(table, "title", name)
-    counts = {key: _count(table, key) for key in _COUNTS if key in table}
-    return ExperimentArm(name, title, controller, changes, _text(table, "high_level", ""), **counts)
+    return ExperimentArm(
+        name,
+        _text(table, "title", name),
+        controller,
+        _table(table, "settings"),
+        _text(table, "high_level", ""),
+        **{key: kind.check(key, table[key]) for key, kind in _COUNTS.items() if key in table},
+    )
 
 
 def _check_high_level(experiment: Experiment, arm: ExperimentArm) -> None:
@@ -203,22 +195,12 @@ def _check_high_level(experiment: Experiment, arm: ExperimentArm) -> None:
 def _known(table: Mapping[str, Any], names: tuple[str, ...], owner: str) -> None:
     for key in table:
         if key not in names:
-            hint = nearest(key, dict.fromkeys(names)) or "known: " + ", ".join(names)
+            hint = nearest(key, names) or "known: " + ", ".join(names)
             raise SettingsError(f'{owner} has no "{brief(key)}"; {hint}')
 
 
-def _count(table: Mapping[str, Any], key: str) -> int:
-    low, high = _COUNTS[key]
-    value = table.get(key)
-    if type(value) is not int or not low <= value <= high:
-        raise SettingsError(f"{key}: expected a whole number from {low} to {high}")
-    return value
-
-
 def _text(table: Mapping[str, Any], key: str, default: str) -> str:
-    value = table.get(key, default)
-    if not isinstance(value, str):
-        raise SettingsError(f"{key}: expected text")
+    value: str = _TEXT.check(key, table.get(key, default))
     if len(value) > _LONGEST_TEXT:
         raise SettingsError(f"{key}: longer than {_LONGEST_TEXT} characters")
     return value

@@ -10,7 +10,6 @@ from lanewise.experiments.results import ArmResult
 from lanewise.report import film_strip, goal_figure, profiles, seed_figure, training_curves
 from lanewise.report.experiment_tables import ArmFigures
 from lanewise.report.figure_style import Figure, save
-from lanewise.runs import metrics_file
 
 FOLDER = "figures"
 """Below the report."""
@@ -37,11 +36,7 @@ class Drawn:
 
 
 def write(out: Path, results: Sequence[ArmResult]) -> list[Drawn]:
-    """Draw every figure that the results allow, as PNG and SVG below ``out``.
-
-    Returns:
-        What was drawn, in the order of the report.
-    """
+    """Draw every figure that the results allow below ``out``; in the order of the report."""
     drawn = []
     for each, figure in _figures({result.arm.name: result for result in results}):
         save(figure, out / FOLDER / each.name)
@@ -50,7 +45,7 @@ def write(out: Path, results: Sequence[ArmResult]) -> list[Drawn]:
 
 
 def of_seeds(arms: Sequence[ArmFigures], out: Path) -> Drawn:
-    """Draw the tests of every arm in our world, as PNG and SVG below ``out``."""
+    """Draw the tests of every arm in our world below ``out``."""
     drawn = Drawn(
         "seeds",
         "Tests of every arm: a dot a seed, a line at their mean, published values dashed",
@@ -62,59 +57,45 @@ def of_seeds(arms: Sequence[ArmFigures], out: Path) -> Drawn:
 def _figures(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Figure]]:
     yield from _curves(arms)
     if all(name in arms for name in COMPARED):
-        pair = {name: arms[name] for name in COMPARED}
-        yield from _drives(pair)
+        yield from _drives({name: arms[name] for name in COMPARED})
     if "hierarchical" in arms:
-        first = arms["hierarchical"].seeds[0].record()
-        yield (
-            Drawn(
-                "goals",
-                "Goals the high level chose along one test episode, and what became of "
-                "each (not in the paper)",
-            ),
-            goal_figure.draw(first),
+        caption = (
+            "Goals the high level chose along one test episode, and what became of each (not in "
+            "the paper)"
         )
+        first = arms["hierarchical"].seeds[0].record()
+        yield Drawn("goals", caption), goal_figure.draw(first)
 
 
 def _curves(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Figure]]:
     """Both successes, reward and speed over training episodes; an arm's last stage."""
     both = {name: arms[name] for name in CURVES if name in arms}
     if both:
-        rows, settled = _training(both, lambda result: result.arm.name)
-        yield (
-            Drawn(
-                "training",
-                "Training, exploration included: the paper's success and ours, reward and speed "
-                "over episodes, mean and spread over seeds (the paper's training figure). Arms "
-                "whose episodes last differently long (`duration` in their settings) differ in "
-                "reward an episode for that alone",
-            ),
-            training_curves.draw(rows, settled=settled),
+        caption = (
+            "Training, exploration included: the paper's success and ours, reward and speed over "
+            "episodes, mean and spread over seeds (the paper's training figure). Arms whose "
+            "episodes last differently long (`duration` in their settings) differ in reward an "
+            "episode for that alone"
         )
+        rows, settled = _training(both, lambda result: result.arm.name)
+        yield Drawn("training", caption), training_curves.draw(rows, settled=settled)
     schedules = {name: arms[name] for name in SCHEDULES if name in arms}
     if len(schedules) > 1:
-        own, marks = _training(schedules, lambda result: result.arm.title)
-        yield (
-            Drawn(
-                "exploration",
-                f"The single-level controller under {len(schedules)} exploration schedules "
-                "(the paper's comparison)",
-            ),
-            training_curves.draw(own, settled=marks),
+        caption = (
+            f"The single-level controller under {len(schedules)} exploration schedules (the "
+            "paper's comparison)"
         )
+        rows, settled = _training(schedules, lambda result: result.arm.title)
+        yield Drawn("exploration", caption), training_curves.draw(rows, settled=settled)
 
 
 def _training(
     arms: Mapping[str, ArmResult], title: Callable[[ArmResult], str]
 ) -> tuple[dict[str, list[list[dict[str, Any]]]], dict[str, float]]:
     """(episodes by title and seed, episode at which epsilon settled in the first seed)."""
-    rows, settled = {}, {}
-    for result in arms.values():
-        rows[title(result)] = [seed.episodes for seed in result.seeds]
-        mark = metrics_file.settled_episode(result.seeds[0].chunks)
-        if mark is not None:
-            settled[title(result)] = mark
-    return rows, settled
+    rows = {title(arm): [seed.episodes for seed in arm.seeds] for arm in arms.values()}
+    marks = {title(arm): arm.seeds[0].settled for arm in arms.values()}
+    return rows, {name: mark for name, mark in marks.items() if mark is not None}
 
 
 def _drives(pair: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Figure]]:
@@ -123,16 +104,11 @@ def _drives(pair: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Figure]]:
         name: [seed.record(i, PROFILE_SECONDS) for seed in result.seeds for i in range(PROFILED)]
         for name, result in pair.items()
     }
-    yield (
-        Drawn(
-            "profiles",
-            f"Speed and reward over the first {PROFILE_SECONDS} timesteps, "
-            f"{PROFILED} drives of every seed (the paper's profiles)",
-        ),
-        profiles.draw(longer),
+    caption = (
+        f"Speed and reward over the first {PROFILE_SECONDS} timesteps, {PROFILED} drives of every "
+        "seed (the paper's profiles)"
     )
+    yield Drawn("profiles", caption), profiles.draw(longer)
+    caption = "Both controllers from above, same start (the paper's film strip)"
     firsts = {name: result.seeds[0].record() for name, result in pair.items()}
-    yield (
-        Drawn("film-strip", "Both controllers from above, same start (the paper's film strip)"),
-        film_strip.draw(firsts),
-    )
+    yield Drawn("film-strip", caption), film_strip.draw(firsts)

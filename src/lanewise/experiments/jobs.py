@@ -11,6 +11,7 @@ from lanewise import config
 from lanewise.config.settings import Settings
 from lanewise.controllers.registry import STEP_1
 from lanewise.errors import RunError
+from lanewise.evaluation.settings import WORLDS
 from lanewise.experiments import evaluate_trained, stored_tests
 from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.experiment_folder import RUNS
@@ -51,19 +52,20 @@ class Job:
 
     @property
     def done(self) -> bool:
-        """Whether nothing of it is left to do.
+        """Whether nothing of it is left to do; errors as for `read_test`."""
+        return all(self.is_tested(world) for world in self.episodes)
 
-        Raises:
-            RunError: a test of it is damaged or of another run.
-        """
-        return all(self.tested(world) == count for world, count in self.episodes.items())
-
-    def tested(self, world: str) -> int:
-        """Episodes of its stored test in a world, 0 without one; errors as for `done`."""
-        return stored_tests.count(self.path, self.controller, world, self.identity)
+    def is_tested(self, world: str) -> bool:
+        """Whether it has a stored test of as many episodes as are wanted; errors likewise."""
+        test = self.read_test(world)
+        return test is not None and len(test.episodes) == self.episodes[world]
 
     def read_test(self, world: str) -> StoredTest | None:
-        """Its stored test in a world, None without one; errors as for `done`."""
+        """Its stored test in a world, None without one.
+
+        Raises:
+            RunError: the test is damaged or of another run.
+        """
         return stored_tests.read(self.path, self.controller, world, self.identity)
 
     def identity(self) -> dict[str, Any]:
@@ -81,46 +83,37 @@ def of_experiment(
 ) -> list[Job]:
     """Every job of an experiment, seed by seed within each arm.
 
-    Args:
-        experiment: arms and seeds.
-        out: its folder.
-        first_seed: the first of its seeds.
-        trap: scenario preset.
-        overrides: settings of the user's, by dotted name; they win over the arms'.
+    ``trap`` and the user's ``overrides`` are as of `Experiment.settings`.
     """
 
     def path(arm: str, seed: int) -> Path:
         return out / RUNS / arm / f"seed-{seed}"
 
-    found = []
-    for arm in experiment.arms:
-        settings = experiment.settings(arm, trap, overrides)
-        episodes = {
-            "lanewise": experiment.count(arm, "episodes"),
-            "highway-env": experiment.count(arm, "highway_env_episodes"),
-        }
-        for seed in range(first_seed, first_seed + experiment.count(arm, "seeds")):
-            found.append(
-                Job(
-                    arm=arm.name,
-                    controller=arm.controller,
-                    trains=arm.trained,
-                    settings=settings,
-                    seed=seed,
-                    path=path(arm.name, seed),
-                    high_level=path(arm.high_level, seed) if arm.high_level else None,
-                    episodes={world: count for world, count in episodes.items() if count},
-                )
-            )
-    return found
+    return [
+        Job(
+            arm=arm.name,
+            controller=arm.controller,
+            trains=arm.trained,
+            settings=experiment.settings(arm, trap, overrides),
+            seed=seed,
+            path=path(arm.name, seed),
+            high_level=path(arm.high_level, seed) if arm.high_level else None,
+            episodes={
+                world: count
+                for world, what in zip(WORLDS, ("episodes", "highway_env_episodes"), strict=True)
+                if (count := experiment.count(arm, what))
+            },
+        )
+        for arm in experiment.arms
+        for seed in range(first_seed, first_seed + experiment.count(arm, "seeds"))
+    ]
 
 
 def check(job: Job) -> None:
     """Refuse a run folder that was made with other settings.
 
     Raises:
-        RunError: says which differ; or the settings are damaged, or a link.
-        SettingsError: the file of a reference driver's settings does not hold any.
+        LanewiseError: says which differ; or the settings are damaged, or a link.
     """
     if (job.path / "run.json").exists():
         RunFolder.resume(job.path, job.settings, job.controller, job.seed).close()
@@ -135,12 +128,7 @@ def check(job: Job) -> None:
 
 
 def run(job: Job, reporter: Progress, out: OpenFolder) -> dict[str, float]:
-    """Do what is left of a job.
-
-    Args:
-        job: below ``out``.
-        reporter: shows how far it is.
-        out: the experiment's folder.
+    """Do what is left of a job in the experiment's folder.
 
     Returns:
         The seconds each part took now.
@@ -151,15 +139,10 @@ def run(job: Job, reporter: Progress, out: OpenFolder) -> dict[str, float]:
     """
     times = {}
     with out.inside(job.path.relative_to(out.path)) as place:
+        began = time.monotonic()
         if job.trains:
-            with _run_folder(job, place) as folder:
-                if not run_state.is_finished(folder):
-                    began = time.monotonic()
-                    # A run that was stopped after it took over step 1 has it already.
-                    taken = run_state.has_stage(folder, STEP_1.name)
-                    plan = TrainingPlan.build(folder.settings, folder.controller)
-                    train(folder, plan, reporter, high_level=None if taken else job.high_level)
-                    times[f"train {job.label}"] = time.monotonic() - began
+            if _train(job, place, reporter):
+                times[f"train {job.label}"] = time.monotonic() - began
             controller = trained.load(job.path)
         else:
             check(job)
@@ -168,7 +151,7 @@ def run(job: Job, reporter: Progress, out: OpenFolder) -> dict[str, float]:
                 write_atomically(place, {SETTINGS: config.dump_toml(job.settings).encode()})
             controller = Trained(job.controller, job.settings, job.seed, {})
         for world, count in job.episodes.items():
-            if job.tested(world) == count:
+            if job.is_tested(world):
                 continue
             began = time.monotonic()
             episodes = evaluate_trained.evaluate(controller, world, count, job.seed, reporter)
@@ -178,8 +161,14 @@ def run(job: Job, reporter: Progress, out: OpenFolder) -> dict[str, float]:
     return times
 
 
-def _run_folder(job: Job, place: OpenFolder) -> RunFolder:
-    """The run's folder, to be continued or new."""
-    if (job.path / "run.json").exists():
-        return RunFolder.resume(place, job.settings, job.controller, job.seed)
-    return RunFolder.create(place, job.settings, job.controller, job.seed)
+def _train(job: Job, place: OpenFolder, reporter: Progress) -> bool:
+    """Train, from the start or on; returns whether anything was left to do."""
+    begin = RunFolder.resume if (job.path / "run.json").exists() else RunFolder.create
+    with begin(place, job.settings, job.controller, job.seed) as folder:
+        if run_state.is_finished(folder):
+            return False
+        # A run that was stopped after it took over step 1 has it already.
+        lender = None if run_state.has_stage(folder, STEP_1.name) else job.high_level
+        plan = TrainingPlan.build(folder.settings, folder.controller)
+        train(folder, plan, reporter, high_level=lender)
+    return True

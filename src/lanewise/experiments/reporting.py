@@ -15,7 +15,6 @@ from lanewise.experiments import (
     figures,
     readings,
     report_data,
-    report_json,
 )
 from lanewise.experiments.claims import Claim, Seed
 from lanewise.experiments.evidence import Evidence
@@ -35,7 +34,6 @@ from lanewise.report import (
 from lanewise.report.figure_style import save
 from lanewise.report.markup import cell, code
 from lanewise.report.output_files import write_text
-from lanewise.runs import metrics_file
 from lanewise.system.folder_io import OpenFolder, publish
 
 REFERENCE = "single-level"
@@ -66,8 +64,7 @@ def write(
         (path of `report.md`, written last; its tables as text).
 
     Raises:
-        RunError: the folder was moved, removed or replaced meanwhile.
-        LanewiseError: a file cannot be written.
+        LanewiseError: a file cannot be written, or the folder was moved, removed or replaced.
     """
     with TemporaryDirectory(prefix="lanewise-report-") as drawn:
         text = _draw(Path(drawn), experiment, results, command, times)
@@ -99,7 +96,7 @@ def _draw(
         save(training_curves.draw_stages(chunks), out / "curves")
     data = ReportData(experiment, command, results, _ledger(results), drawn, made, times)
     text = _markdown(data)
-    write_text(out / "report.json", report_json.text(data))
+    write_text(out / "report.json", report_data.as_json(data))
     write_text(out / "report.html", html_page.render(text, experiment.title, out))
     write_text(out / REPORT, text)
     return _text(data)
@@ -140,7 +137,7 @@ def _ledger(results: Sequence[ArmResult]) -> list[Claim]:
 
 def _evidence(seed: SeedResult, seconds: int | None = None) -> Evidence:
     """What a seed left behind, with a drive of that length where one is asked for."""
-    settled = metrics_file.settled_episode(seed.chunks)
+    settled = seed.settled
     return Evidence(
         training=seed.episodes,
         settled=len(seed.episodes) if settled is None else int(settled),
@@ -224,12 +221,6 @@ def _weights_part(data: ReportData) -> list[str]:
     if not stages:
         return []
     episodes = next(iter(stages.values()))[0][1].line["fresh_episodes"]
-    warnings = [
-        f"- **{cell(title)}, seed {seed}**: {cell(warning)}"
-        for title, seeds in stages.items()
-        for seed, kept in seeds
-        for warning in kept.warnings
-    ]
     return [
         "## Kept and last weights",
         f"Greedy, on {episodes:,} validation starts by which no weights were chosen. *Chosen for* "
@@ -237,25 +228,29 @@ def _weights_part(data: ReportData) -> list[str]:
         experiment_tables.weights(
             {title: [kept for _, kept in seeds] for title, seeds in stages.items()}
         ),
-        "\n".join(warnings),
+        "\n".join(
+            f"- **{cell(title)}, seed {seed}**: {cell(warning)}"
+            for title, seeds in stages.items()
+            for seed, kept in seeds
+            for warning in kept.warnings
+        ),
     ]
 
 
 def _ledger_part(data: ReportData) -> list[str]:
     if not data.ledger:
         return []
-    lines = ["| the paper says | verdict | seeds | measured |", "|---|---|---:|---|"]
-    for claim in data.ledger:
-        seeds = f"{sum(claim.seeds)} of {len(claim.seeds)}"
-        lines.append(
-            f"| {cell(claim.text)} | **{claim.verdict}** | {seeds} | {cell(claim.figures)} |"
-        )
     return [
         "## What reproduces, what does not, and why",
         "Each claim is computed seed by seed: it holds if every seed says so, fails if none does, "
         "otherwise it depends. Words in quotation marks are the paper's, and so is success here: "
         "past the trap before the end, whether or not an accident follows.",
-        "\n".join(lines),
+        "| the paper says | verdict | seeds | measured |\n|---|---|---:|---|\n"
+        + "\n".join(
+            f"| {cell(claim.text)} | **{claim.verdict}** | {sum(claim.seeds)} of "
+            f"{len(claim.seeds)} | {cell(claim.figures)} |"
+            for claim in data.ledger
+        ),
     ]
 
 
@@ -264,7 +259,7 @@ def _figure_part(data: ReportData) -> list[str]:
     for figure in data.drawn:
         parts.append(f"![{cell(figure.caption)}]({FOLDER}/{figure.name}.png)")
         parts.append(f"*{cell(figure.caption)}*")
-    if any(result.seeds[0].chunks for result in _in_curves(data.results)):
+    if any(result.seeds[0].lines for result in _in_curves(data.results)):
         parts += [
             "![Success, reward and speed while training](curves.png)",
             "*Every stage of the first seeds over its decisions*",
@@ -292,39 +287,28 @@ def _reading_part(data: ReportData) -> list[str]:
 
 
 def _origin_part(data: ReportData) -> list[str]:
-    made = data.made
-    took = data.times.get("everything")
-    settings = config.flatten(_shown(data.results).seeds[0].job.settings)
-    title = cell(_shown(data.results).arm.title)
+    made, took, shown = data.made, data.times.get("everything"), _shown(data.results)
+    trained_by = [seed.trained_by for result in data.results for seed in result.seeds]
     return [
         "## How it was made",
         tables.listing({**made["versions"], **made["machine"]}),
-        _code_line(data),
+        provenance.trained_by([source for source in trained_by if source is not None]),
         "" if took is None else f"The last call of the command took {took:.1f} s.",
         "### What was run",
         "Means over seeds. A training's time includes compilation and whatever shared the machine; "
         "an arm that takes over the step 1 of another has step 2 alone to show.",
         experiment_tables.effort(data.figures),
         "### Settings of the arms",
-        _changes(data),
-        f"## Settings: {title}",
-        tables.listing(settings),
+        f"| arm | settings that differ from preset {data.experiment.preset} |\n|---|---|\n"
+        + "\n".join(map(_changes, data.results)),
+        f"## Settings: {cell(shown.arm.title)}",
+        tables.listing(config.flatten(shown.seeds[0].job.settings)),
     ]
 
 
-def _code_line(data: ReportData) -> str:
-    """Which code trained the runs."""
-    seeds = [seed.trained_by for result in data.results for seed in result.seeds]
-    return provenance.trained_by([source for source in seeds if source is not None])
-
-
-def _changes(data: ReportData) -> str:
-    """What each arm changes."""
-    lines = [f"| arm | settings that differ from preset {data.experiment.preset} |", "|---|---|"]
-    for result in data.results:
-        changes = ", ".join(code(f"{k} = {v}") for k, v in result.arm.changes.items())
-        lines.append(f"| {cell(result.arm.title)} | {changes} |")
-    return "\n".join(lines)
+def _changes(result: ArmResult) -> str:
+    changes = ", ".join(code(f"{name} = {value}") for name, value in result.arm.changes.items())
+    return f"| {cell(result.arm.title)} | {changes} |"
 
 
 def _pairs(paired: Mapping[str, Mapping[int, Paired]]) -> str:

@@ -45,9 +45,9 @@ class SeedResult:
         return self._of_last_stage("episode")
 
     @property
-    def chunks(self) -> list[dict[str, Any]]:
-        """The chunks of its last stage."""
-        return self._of_last_stage("chunk")
+    def settled(self) -> float | None:
+        """Training episodes of its last stage when epsilon had come down; None if it never did."""
+        return metrics_file.settled_episode(self._of_last_stage("chunk"))
 
     @property
     def selected(self) -> list[SelectedWeights]:
@@ -62,8 +62,8 @@ class SeedResult:
     def effort(self) -> dict[str, float]:
         """What its training took, over all its own stages; nothing for a reference driver.
 
-        ``decisions``, completed ``episodes``, ``updates`` of the learners (of each where two levels
-        learn), and ``seconds`` of wall time, compilation included.
+        ``decisions``, completed ``episodes``, ``updates`` of each learner, and ``seconds`` of wall
+        time, compilation included.
         """
         if not self.job.trains:
             return {}
@@ -111,10 +111,10 @@ def collect(experiment: Experiment, jobs: Sequence[Job]) -> list[ArmResult]:
     for arm in experiment.arms:
         done = [job for job in jobs if job.arm == arm.name and job.done]
         if done:
-            found.append(ArmResult(arm, tuple(SeedResult(job, _tests(job)) for job in done)))
+            found.append(ArmResult(arm, tuple(map(_result, done))))
     return found
 
 
-def _tests(job: Job) -> dict[str, StoredTest]:
+def _result(job: Job) -> SeedResult:
     tests = {world: job.read_test(world) for world in job.episodes}
-    return {world: test for world, test in tests.items() if test is not None}
+    return SeedResult(job, {world: test for world, test in tests.items() if test is not None})

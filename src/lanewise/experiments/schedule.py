@@ -22,18 +22,11 @@ from lanewise.system.progress import Progress, duration, unfailing
 
 COMPILED = "JAX_COMPILATION_CACHE_DIR"
 """Where JAX keeps compiled programs for other processes."""
-
 Times = dict[str, float]
 
 
 def run(jobs: Sequence[Job], processes: int, stream: TextIO, out: OpenFolder) -> Times:
-    """Do every job that is not done; those that lend their step 1 go first.
-
-    Args:
-        jobs: of all arms and seeds.
-        processes: how many at once.
-        stream: for progress.
-        out: the experiment's folder, held by this process.
+    """Do every job that is not done in the experiment's folder, which this process holds.
 
     Returns:
         Seconds by part of the work.
@@ -128,22 +121,14 @@ def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def _begin() -> None:
-    """In a process of the pool: ignore signals while it waits for jobs.
+    """In a process of the pool: ignore signals while it waits, and end when the parent is killed.
 
     A process that ended while it waits would break the pool, and end those at work before they
-    have saved.
+    have saved. One that outlived its parent would go on for the rest of its job, unseen, and keep
+    the run folder from whoever starts the experiment again.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
-    _end_with_parent()
-
-
-def _end_with_parent() -> None:
-    """In a process of the pool: end at once when the parent is killed.
-
-    Otherwise it would go on for the rest of its job, unseen, and keep the run folder from whoever
-    starts the experiment again. A run folder can be continued wherever a kill stopped it.
-    """
     parent = parent_process()
     assert parent is not None, "runs in processes of the pool alone"
 

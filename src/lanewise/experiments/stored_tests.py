@@ -31,9 +31,6 @@ _LARGEST_TABLE, _LARGEST_SUMMARY = 64_000_000, 100_000
 _FORMAT, _VERSION = "lanewise-test", 1
 _REMEDY = "; delete it, and the test is driven again"
 
-RunIdentity = Callable[[], dict[str, Any]]
-"""Returns a run's `identity`; called only where there is a test to compare."""
-
 
 @dataclass(frozen=True)
 class StoredTest:
@@ -73,16 +70,7 @@ def store(
     seconds: float,
     run: Mapping[str, Any],
 ) -> None:
-    """Keep a test in its run's folder.
-
-    Args:
-        place: the run's folder.
-        controller: its name.
-        world: where it was tested.
-        episodes: the outcomes.
-        seconds: wall time of the test.
-        run: its `identity`.
-    """
+    """Keep a test, which took so many seconds, in the folder of the run with this `identity`."""
     table = metrics.to_csv(episodes).encode()
     stored: dict[str, Any] = {
         "format": _FORMAT,
@@ -101,28 +89,32 @@ def store(
         write_atomically(folder, {f"{world}.csv": table, f"{world}.json": text.encode()})
 
 
-def count(path: Path, controller: str, world: str, run: RunIdentity) -> int:
-    """Episodes of a stored test; 0 where there is none.
+def read(
+    path: Path, controller: str, world: str, run: Callable[[], dict[str, Any]]
+) -> StoredTest | None:
+    """A stored test, None where there is none.
 
     Args:
         path: the run folder.
         controller: its name.
         world: where it was tested.
-        run: returns its `identity`.
+        run: returns its `identity`; called only where there is a test to compare.
 
     Raises:
         RunError: the test is damaged or of another run, or its folder is a link.
     """
-    stored = _read(path, controller, world, run)
-    return 0 if stored is None else int(stored["summary"]["episodes"])
-
-
-def read(path: Path, controller: str, world: str, run: RunIdentity) -> StoredTest | None:
-    """A stored test, None where there is none; arguments and errors as for `count`."""
-    stored = _read(path, controller, world, run)
-    if stored is None:
+    folder = _folder_of(path)
+    file, table = folder / f"{world}.json", folder / f"{world}.csv"
+    if not os.path.lexists(file):
         return None
-    table = path / TESTS / f"{world}.csv"
+    stored = _document(file)
+    try:
+        expected = run()
+    except (CheckpointError, safe_io.UnreadableError) as error:
+        raise RunError(f"{file} cannot be matched to its run: {error}{_REMEDY}") from error
+    tested = (stored["summary"]["controller"], stored["summary"]["world"], stored["run"])
+    if tested != (controller, world, expected):
+        raise RunError(f"{file} is a test of another run{_REMEDY}")
     content = _contents(table, _LARGEST_TABLE)
     if _sha256(content) != stored["episodes_sha256"]:
         raise RunError(f"{table} was altered{_REMEDY}")
@@ -131,11 +123,8 @@ def read(path: Path, controller: str, world: str, run: RunIdentity) -> StoredTes
     return StoredTest(summary, episodes, stored["seconds"])
 
 
-def _read(path: Path, controller: str, world: str, run: RunIdentity) -> dict[str, Any] | None:
-    """The summary of a test, once it is sure that it is one of this run."""
-    file = _folder_of(path) / f"{world}.json"
-    if not os.path.lexists(file):
-        return None
+def _document(file: Path) -> dict[str, Any]:
+    """The JSON of a test, undamaged."""
     try:
         stored: dict[str, Any] = safe_io.parse_json(_contents(file, _LARGEST_SUMMARY))
     except ValueError as error:
@@ -144,22 +133,11 @@ def _read(path: Path, controller: str, world: str, run: RunIdentity) -> dict[str
         raise RunError(f"{file} {other}")
     if not isinstance(stored, dict) or stored.get("digest") != safe_io.digest(stored):
         raise RunError(f"{file} is damaged{_REMEDY}")
-    try:
-        expected = run()
-    except (CheckpointError, safe_io.UnreadableError) as error:
-        raise RunError(f"{file} cannot be matched to its run: {error}{_REMEDY}") from error
-    tested = (stored["summary"]["controller"], stored["summary"]["world"], stored["run"])
-    if tested != (controller, world, expected):
-        raise RunError(f"{file} is a test of another run{_REMEDY}")
     return stored
 
 
 def _folder_of(path: Path) -> Path:
-    """The folder of a run's tests, which may be missing.
-
-    Raises:
-        RunError: it is a link, which leads to another place, or no folder.
-    """
+    """The folder of a run's tests, which may be missing but be no link."""
     folder = path / TESTS
     try:
         safe_io.require_plain(folder, folder=True)

@@ -12,7 +12,7 @@ from lanewise.errors import one_line
 from lanewise.evaluation.aggregates import Estimate
 from lanewise.evaluation.comparison import COMPARED, FEWER_IS_BETTER, Comparison, Difference
 from lanewise.evaluation.metrics import METRICS, Metric
-from lanewise.evaluation.paired import RateDifference
+from lanewise.evaluation.statistics import RateDifference
 from lanewise.fields.ranges import show
 from lanewise.report import tables
 from lanewise.report.evaluation_table import NOTE
