@@ -17,30 +17,18 @@ import numpy as np
 import pytest
 
 from lanewise.errors import RunError
-from lanewise.experiments import experiment, results, schedule
+from lanewise.experiments import experiment, schedule
 from lanewise.experiments import jobs as jobs_module
-from lanewise.runs import run_state, trained
+from lanewise.runs import run_state
 from lanewise.runs.run_folder import RunFolder
 from lanewise.system import folder_io
 from lanewise.system.folder_io import OpenFolder
 from lanewise.system.progress import Progress
 from untrusted_files import made_up_episodes
 
-# With the stages of cli/test_reproduce.py, whose compiled programs are then at hand.
 TINY = {
     "evaluation.duration": 2,
-    "evaluation.validation_episodes": 2,
-    "planner.preview": 2,
-    **{
-        f"{stage}.{name}": value
-        for stage in ("single_level", "high_level", "low_level")
-        for name, value in (
-            ("decisions", 100),
-            ("worlds", 2),
-            ("learner.hidden", (8, 8)),
-            ("learner.warm_up", 50),
-        )
-    },
+    **{f"{stage}.worlds": 2 for stage in ("single_level", "high_level", "low_level")},
 }
 TEXT = """
 title = "tiny"
@@ -94,43 +82,6 @@ def test_none_begins_before_the_one_it_borrows_from(tiny, tmp_path, monkeypatch)
         assert order.index(f"planned, seed {seed}") < order.index(f"hierarchical, seed {seed}")
 
 
-@pytest.mark.slow
-def test_a_whole_tiny_experiment_is_done_once(tiny, tmp_path):
-    """Trained, tested, collected; a second run finds nothing to do."""
-    found, jobs = tiny
-    jobs = [job for job in jobs if job.seed == 5]
-    log = io.StringIO()
-    out = OpenFolder(tmp_path)
-    times = schedule.run(jobs, 1, log, out)
-    assert "[3/3]" in log.getvalue()
-    assert sum(name.startswith("train") for name in times) == 2
-    assert all(job.done for job in jobs)
-    before = {path: path.stat().st_mtime_ns for path in jobs[0].path.parents[1].rglob("*.json")}
-    again = io.StringIO()
-    assert schedule.run(jobs, 1, again, out) == {}
-    assert "3 of 3 done before" in again.getvalue()
-    assert before == {path: path.stat().st_mtime_ns for path in before}
-
-    collected = results.collect(found, jobs)
-    assert [len(arm.seeds) for arm in collected] == [1, 1, 1]
-    lent, taken = (trained.load(job.path).parameters["high_level"] for job in (jobs[1], jobs[0]))
-    np.testing.assert_array_equal(lent[0][0], taken[0][0])
-    (reference,) = collected[2].tests("lanewise")
-    assert reference.summary.controller == "rule-based"
-    assert len(reference.episodes) == reference.summary.episodes == 2
-    assert collected[0].seeds[0].lines
-    assert collected[2].seeds[0].lines == []
-    # More episodes are a new test; the training stays.
-    more = [replace(jobs[2], episodes={"lanewise": 3})]
-    assert list(schedule.run(more, 1, io.StringIO(), out)) == [
-        "test rule-based, seed 5 in lanewise"
-    ]
-
-    (jobs[0].path / "tests" / "lanewise.json").write_text("{")
-    with pytest.raises(RunError, match="delete it"):
-        _ = jobs[0].done
-
-
 def test_other_settings_are_refused_before_any_work(tiny):
     found, jobs = tiny
     made = jobs[2]
@@ -177,27 +128,6 @@ def test_processes_share_what_they_compile_and_leave_nothing_behind(monkeypatch,
     with schedule._environment():
         assert os.environ[schedule.COMPILED] == str(tmp_path)
     assert tmp_path.exists()
-
-
-@pytest.mark.slow
-def test_a_program_compiled_elsewhere_gives_the_same_bits(tiny, tmp_path, monkeypatch):
-    """The first run compiles and keeps the programs, the second takes them from there."""
-    monkeypatch.setenv(schedule.COMPILED, str(tmp_path / "compiled"))
-    # All of them: which are quick to compile depends on what else the machine does.
-    monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
-    found, _ = tiny
-    written, kept = [], []
-    for name in ("first", "second"):
-        jobs = jobs_module.of_experiment(found, tmp_path / name, 5, "trap-10", TINY)
-        planned = next(job for job in jobs if job.label == "planned, seed 5")
-        (tmp_path / name).mkdir()
-        schedule.run([planned], 1, io.StringIO(), OpenFolder(tmp_path / name))
-        weights = trained.load(planned.path).parameters
-        metrics = RunFolder.open(planned.path).metrics.read_bytes()
-        written.append((metrics, [leaf.tobytes() for leaf in jax.tree.leaves(weights)]))
-        kept.append({path.name for path in (tmp_path / "compiled").glob("*-cache")})
-    assert kept[0] == kept[1] != set()
-    assert written[0] == written[1]
 
 
 ORPHANS = """
@@ -313,7 +243,7 @@ def until(text, stream):
     pytest.fail(f"ended without {text!r}")
 
 
-def test_a_reference_driver_tested_otherwise_is_refused(tiny, tmp_path, monkeypatch):
+def test_a_reference_driver_is_tested_once_and_never_otherwise(tiny, tmp_path, monkeypatch):
     _, jobs = tiny
     (job,) = (each for each in jobs if not each.trains)
     scenario = replace(job.settings.scenario, trap_speed=9.0)
@@ -322,8 +252,19 @@ def test_a_reference_driver_tested_otherwise_is_refused(tiny, tmp_path, monkeypa
         "evaluate",
         lambda trained, world, count, seed, reporter: made_up_episodes(seed, count),
     )
-    jobs_module.run(job, Progress(stream=io.StringIO()), OpenFolder(tmp_path))
-    jobs_module.check(job)
+
+    def run(job):
+        return list(jobs_module.run(job, Progress(stream=io.StringIO()), OpenFolder(tmp_path)))
+
+    said = ["test rule-based, seed 5 in lanewise"]
+    assert [run(job), run(job)] == [said, []]
+    more = replace(job, episodes={"lanewise": 3})
+    assert not more.done
+    assert run(more) == said
+    log = io.StringIO()
+    assert schedule.run([more], 1, log, OpenFolder(tmp_path)) == {}
+    assert log.getvalue() == "1 of 1 done before\n"
+    jobs_module.check(more)
     with pytest.raises(RunError, match=r"other settings: there scenario\.trap_speed is 10\.0"):
         jobs_module.check(replace(job, settings=replace(job.settings, scenario=scenario)))
 
