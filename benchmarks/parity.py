@@ -46,7 +46,7 @@ from lanewise.system.progress import Progress
 BATCH = 40
 """Random states of one comparison: a batch shape for each size, compiled once."""
 STATES_A_TASK = 6 * BATCH
-RUN_SECONDS, RUN_ROOM = 25.0, 16
+RUN_SECONDS, RUN_ROOM = 25.0, 12
 """Of a free run of the paper's traffic: simulated time, and vehicles of its compiled program."""
 DEPENDS_ON = ("benchmarks", "src/lanewise/world", "src/lanewise/interop", "src/lanewise/scenario")
 STORED_EXCEPTIONS = 10

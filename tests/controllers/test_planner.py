@@ -18,8 +18,9 @@ from lanewise.world.settings import PAPER_DRIVER
 from lanewise.world.state import EXTERNAL, World
 
 DRIVING, PLANNER = DrivingSettings(), PlannerSettings()
-DECISIONS = 80
-"""40 s."""
+ACT = jax.jit(planner.act, static_argnums=(0, 1))
+DECISIONS = 60
+"""30 s."""
 CASES = np.array(
     [
         (speed, 1 + side, np.clip(speed + change, 3.0, 16.0))
@@ -110,7 +111,7 @@ def test_a_car_on_its_way_to_the_centre_is_left_alone(side):
     """
     seen = percept_of(y=4.0 + side * 0.6, heading=-side * 0.0314)
     goal = Goal(jnp.int32(1), jnp.float32(10.0))
-    assert int(planner.act(PlannerSettings(preview=1), DRIVING, goal, seen)) == actions.IDLE
+    assert int(ACT(PlannerSettings(preview=1), DRIVING, goal, seen)) == actions.IDLE
 
 
 @pytest.mark.parametrize(

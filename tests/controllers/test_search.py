@@ -8,11 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from percepts import percept_of
 
 from lanewise.controllers import references as search
 from lanewise.controllers.references import Search
 from lanewise.controllers.settings import SearchSettings
-from lanewise.driving import episode, percept
+from lanewise.driving import episode
 from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation import evaluator
 from lanewise.evaluation.evaluator import EvaluationConfig
@@ -71,9 +72,8 @@ def test_what_was_planned_is_what_happens(monkeypatch):
 
 
 def test_the_search_asks_for_a_privileged_percept():
-    world = trap.sample(EMPTY, jax.random.key(0), "test")
     with pytest.raises(ValueError, match="privileged"):
-        Search(DRIVING, SearchSettings(), 2).start(percept.perceive(DRIVING.observation, world))
+        Search(DRIVING, SearchSettings(), 2).start(percept_of())
 
 
 def test_ranks_within_groups():

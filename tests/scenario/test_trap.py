@@ -1,5 +1,5 @@
-import subprocess
-import sys
+"""Starts drawn over ranges, in each split, and starts with given numbers in a padded world."""
+
 from dataclasses import replace
 from functools import partial
 
@@ -8,28 +8,56 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lanewise.driving import accidents, actions, episode
+from lanewise.driving import episode, percept
 from lanewise.driving.settings import DrivingSettings
-from lanewise.evaluation.evaluator import EvaluationConfig, start
+from lanewise.evaluation import evaluator
+from lanewise.evaluation.evaluator import EvaluationConfig
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
 from lanewise.world import build, road
-from lanewise.world.settings import PAPER_DRIVER, TOP_SPEED
+from lanewise.world.settings import FARTHEST, PAPER_DRIVER, TOP_SPEED
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, World
 
-SETTINGS = TrapSettings()
+DRIVING = DrivingSettings()
+PLAIN = TrapSettings(
+    lanes=4,
+    lane_width=3.5,
+    speed_limit=25.0,
+    ego_speed=11.0,
+    trap_speed=9.0,
+    test_front_distance=20.0,
+    test_side_distance=-3.0,
+    missing_target_speed=False,
+    traffic=TrafficSettings(vehicles_ahead=4, vehicles_behind=3),
+)
+WIDE = replace(
+    PLAIN,
+    training_ego_speed=(8.0, 13.0),
+    training_trap_speed=(8.0, 11.0),
+    training_lanes=(3, 5),
+    training_front_distance=(14.8, 16.44),
+    training_side_distance=(4.06, 7.43),
+)
+RANGES = ((8.0, 13.0), (8.0, 11.0), (14.8, 16.44), (4.06, 7.43))
+"""Of the speeds of ego and trap, D1 and D2."""
+COUNT, SEED = 2000, 7
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2, 3))
-def starts(split, count, settings=SETTINGS, seed=7):
-    return jax.vmap(lambda i: trap.sample(settings, trap.start_key(seed, split, i), split))(
-        jnp.arange(count)
+@partial(jax.jit, static_argnums=(0, 1))
+def starts(settings, split):
+    return jax.vmap(lambda i: trap.sample(settings, trap.start_key(SEED, split, i), split))(
+        jnp.arange(COUNT)
     )
 
 
-@partial(jax.jit, static_argnums=(1, 3))
-def sample(seed, split, index, settings=SETTINGS):
-    return trap.sample(settings, trap.start_key(seed, split, index), split)
+@pytest.fixture(scope="module")
+def training():
+    return jax.device_get(starts(WIDE, "training"))
+
+
+@pytest.fixture(scope="module")
+def test():
+    return jax.device_get(starts(WIDE, "test"))
 
 
 def same(a, b):
@@ -38,182 +66,190 @@ def same(a, b):
     )
 
 
-@pytest.mark.parametrize(
-    "split",
-    [
-        pytest.param(split, marks=pytest.mark.slow if split == "validation" else ())
-        for split in trap.SPLITS
-    ],
-)
-def test_a_start_is_the_same_alone_and_in_any_batch(split):
-    many = starts(split, 102)
-    config = EvaluationConfig(SETTINGS, DrivingSettings(), None, 50, split)
-    # The last is of the second block.
+def lanes_of(world):
+    return np.asarray(world.road.present).sum(axis=-1)
+
+
+def test_a_start_is_the_same_in_batches_of_any_size(training):
+    config = EvaluationConfig(WIDE, DRIVING, None, 50, "training")
     for index in (0, 1, 101):
-        alone = sample(7, split, index)
-        assert same(alone, jax.tree.map(lambda leaf: leaf[index], many))  # noqa: B023
-        assert same(alone, start(config, 7, index))
-
-
-def test_a_start_is_the_same_in_another_process():
-    code = (
-        "from lanewise.scenario import trap; from lanewise.scenario.settings import TrapSettings\n"
-        "w = trap.sample(TrapSettings(), trap.start_key(7, 'test', 5), 'test')\n"
-        "print(bytes(w.vehicles.x).hex(), bytes(w.vehicles.y).hex())"
-    )
-    out = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout
-    world = sample(7, "test", 5)
-    assert out.split() == [
-        np.asarray(part).tobytes().hex() for part in (world.vehicles.x, world.vehicles.y)
-    ]
+        own = evaluator.start(config, SEED, index)
+        assert same(own, jax.tree.map(lambda leaf: leaf[index], training))  # noqa: B023
 
 
 def test_indices_seeds_and_splits_differ():
-    def traffic(seed, split, index):
-        world = sample(seed, split, index)
-        return tuple(np.asarray(world.vehicles.x[3:] - world.vehicles.x[1]))
-
-    seen = {
-        traffic(*at) for at in [(0, s, i) for s in trap.SPLITS for i in (0, 1)] + [(1, "test", 0)]
-    }
-    assert len(seen) == 7
+    starts = [(0, split, index) for split in trap.SPLITS for index in (0, 1)] + [(1, "test", 0)]
+    keys = {tuple(np.asarray(jax.random.key_data(trap.start_key(*at)))) for at in starts}
+    assert len(keys) == 7
 
 
 @pytest.mark.parametrize("split", ["training", "validation"])
-def test_trap_distances_fill_their_ranges(split):
-    x = np.asarray(starts(split, 2000).vehicles.x)
+def test_numbers_fill_their_ranges_each_on_its_own(split, training):
+    """Uniform: 2000 draws come near both ends, and the mean is the middle."""
+    world = training if split == "training" else jax.device_get(starts(WIDE, split))
+    speed, x, y = world.vehicles.speed, world.vehicles.x, world.vehicles.y
     assert (x[:, 0] == 0).all()
-    for distance, (low, high) in ((x[:, 1], (14.80, 16.44)), (x[:, 2], (4.06, 7.43))):
-        assert distance.min() >= low - 1e-5
-        assert distance.max() <= high + 1e-5
-        # Uniform: 2000 draws come within half a percent of both ends, and the mean is the middle.
-        assert distance.min() < low + 0.005 * (high - low) + 1e-5
-        assert distance.max() > high - 0.005 * (high - low) - 1e-5
-        assert distance.mean() == pytest.approx((low + high) / 2, abs=0.03 * (high - low))
-    assert abs(np.corrcoef(x[:, 1], x[:, 2])[0, 1]) < 0.1
+    numbers = np.stack([speed[:, 0], speed[:, 1], x[:, 1], x[:, 2], lanes_of(world)])
+    for drawn, (low, high) in zip(numbers, RANGES, strict=False):
+        near = 0.01 * (high - low)
+        assert low - 1e-5 <= drawn.min() < low + near
+        assert high + 1e-5 >= drawn.max() > high - near
+        assert drawn.mean() == pytest.approx((low + high) / 2, abs=3 * near)
+    assert np.abs(np.corrcoef(numbers) - np.eye(5)).max() < 0.08
+    np.testing.assert_array_equal(speed[:, 1], speed[:, 2])
+    assert (speed[:, 3:] == 12.5).all()
+    np.testing.assert_array_equal(world.drivers.target_speed[:, :3], speed[:, :3])
+    assert (world.drivers.target_speed[:, 3:] == 12.5).all()
+    np.testing.assert_allclose(y, 3.5 * world.vehicles.target_lane)
 
 
-def test_trap_distances_are_fixed_in_tests():
-    x = np.asarray(starts("test", 50).vehicles.x)
-    np.testing.assert_allclose(x[:, 1], 15.62, rtol=1e-6)
-    np.testing.assert_allclose(x[:, 2], 6.61, rtol=1e-6)
+def test_every_number_of_lanes_is_drawn_and_traffic_keeps_to_them(training):
+    lanes, present = lanes_of(training), training.road.present
+    assert present.shape[1] == 5 == trap.lanes_max(WIDE, "training")
+    shares = np.bincount(lanes, minlength=6)[3:] / COUNT
+    np.testing.assert_allclose(shares, 1 / 3, atol=0.04)
+    assert (present[:, :-1] >= present[:, 1:]).all()
+    lane = training.vehicles.target_lane[:, 3:]
+    for count in (3, 4, 5):
+        assert set(lane[lanes == count].ravel()) == set(range(count))
 
 
-def test_the_trap_stands_in_the_two_leftmost_lanes():
-    world = sample(0, "test", 0)
-    assert world.vehicles.y[:3].tolist() == [0.0, 0.0, 4.0]
-    assert world.vehicles.speed[:3].tolist() == [10.0, 10.0, 10.0]
-    assert world.drivers.kind.tolist() == [EXTERNAL, CONSTANT, CONSTANT] + [RULE_BASED] * 9
-    assert trap.roles(world).tolist() == [0, 1, 1] + [2] * 9
-    assert trap.vehicle_count(SETTINGS) == 12 == world.vehicles.x.shape[0]
+def test_traffic_spacing_lies_in_its_range(training):
+    """Ahead of the trap and behind the ego: a first gap of 45 m, then of 25 m, each to 5 m."""
+    x = training.vehicles.x
+    ahead = np.diff(x[:, 3:7], axis=1, prepend=x[:, 1:3].max(axis=1)[:, None])
+    behind = -np.diff(x[:, 7:], axis=1, prepend=0.0)
+    for gaps in (ahead, behind):
+        for gap, mean in zip(gaps.T, (45.0, 25.0, 25.0, 25.0), strict=False):
+            assert (np.abs(gap - mean) <= 5.0 + 1e-3).all()
+            assert gap.max() - mean > 4.5
+            assert mean - gap.min() > 4.5
+    correlation = np.corrcoef(np.hstack([ahead, behind]), rowvar=False)
+    assert np.abs(correlation - np.eye(7)).max() < 0.1
 
 
-@pytest.mark.parametrize("others", [1, 2, 3, 4])
+def test_a_range_changes_nothing_else(training):
+    """Traffic, D1 and D2 come from key streams that the new draws do not touch."""
+    plain, kept = jax.device_get(starts(PLAIN, "training")), lanes_of(training) == PLAIN.lanes
+    assert plain.road.present.shape == (COUNT, 4)
+    np.testing.assert_array_equal(plain.vehicles.speed[:, :3], [[11.0, 9.0, 9.0]] * COUNT)
+    other = ~np.isin(np.arange(10), [1, 2])
+    for name in ("x", "y", "target_lane", "timer"):
+        ours, theirs = getattr(training.vehicles, name)[kept], getattr(plain.vehicles, name)[kept]
+        np.testing.assert_array_equal(ours[:, other], theirs[:, other])
+
+
+def test_tests_start_as_set(test):
+    np.testing.assert_allclose(test.vehicles.x[:, :3], [[0.0, 20.0, -3.0]] * COUNT)
+    np.testing.assert_allclose(test.vehicles.y[:, :3], [[0.0, 0.0, 3.5]] * COUNT)
+    np.testing.assert_array_equal(test.vehicles.speed[:, :3], [[11.0, 9.0, 9.0]] * COUNT)
+    np.testing.assert_allclose(test.road.centre, [[0.0, 3.5, 7.0, 10.5]] * COUNT)
+    assert (test.road.speed_limit == 25.0).all()
+    assert test.drivers.kind[0].tolist() == [EXTERNAL, CONSTANT, CONSTANT] + [RULE_BASED] * 7
+    one = jax.tree.map(lambda leaf: leaf[0], test)
+    assert trap.roles(one).tolist() == [0, 1, 1] + [2] * 7
+    assert trap.vehicle_count(WIDE) == 10 == test.vehicles.x.shape[1]
+
+
+ESCAPED = jax.jit(trap.escaped)
+
+
+@pytest.mark.parametrize("others", [1, 4])
 def test_the_ego_must_get_past_as_many_trap_cars_as_there_are(others):
-    kinds = [EXTERNAL] + [CONSTANT] * others + [RULE_BASED] * 2
-    lane = np.zeros(len(kinds), np.int32)
-    x = np.r_[100.0, 90.0 - 10.0 * np.arange(others), 200.0, 300.0]
+    kinds = [EXTERNAL] + [CONSTANT] * others + [RULE_BASED] * (6 - others)
+    x = np.r_[100.0, 90.0 - 10.0 * np.arange(others), np.full(6 - others, 200.0)]
     world = World(
         road=road.straight_road(3),
-        drivers=build.make_drivers([PAPER_DRIVER] * len(kinds), kinds),
-        vehicles=build.make_vehicles(x, 0.0 * x, 0.0 * x, lane),
+        drivers=build.make_drivers([PAPER_DRIVER] * 7, kinds),
+        vehicles=build.make_vehicles(x, 0.0 * x, 0.0 * x, np.zeros(7, np.int32)),
     )
-    assert trap.roles(world).tolist() == [0] + [1] * others + [2, 2]
-    assert trap.escaped(world)
+    assert trap.roles(world).tolist() == [0] + [1] * others + [2] * (6 - others)
+    assert ESCAPED(world)
     for car in range(1, others + 1):
         ahead = world.vehicles.x.at[car].set(120.0)
         there = replace(world, vehicles=replace(world.vehicles, x=ahead))
-        assert not trap.escaped(there)
+        assert not ESCAPED(there)
         absent = there.vehicles.present.at[car].set(False)
-        assert trap.escaped(replace(there, vehicles=replace(there.vehicles, present=absent)))
+        assert ESCAPED(replace(there, vehicles=replace(there.vehicles, present=absent)))
 
 
-def test_trap_cars_keep_their_speed_and_lane_all_episode_long():
-    state = episode.begin(sample(3, "test", 0))
-    step = jax.jit(partial(episode.step, DrivingSettings()), static_argnums=2)
-    first = np.asarray(state.world.vehicles.x[1:3])
-    # The ego drives on at the trap's own speed, so that nobody is hit.
-    for decision in range(1, 51):
-        state = step(state, jnp.int32(actions.IDLE), 50)
-        vehicles = state.world.vehicles
-        assert vehicles.speed[1:3].tolist() == [10.0, 10.0]
-        assert vehicles.y[1:3].tolist() == [0.0, 4.0]
-        np.testing.assert_allclose(vehicles.x[1:3], first + 5.0 * decision, rtol=1e-5)
-    assert not vehicles.crashed.any()
+def test_everybody_is_on_the_road_as_far_as_a_drive_can_go():
+    """100 vehicles 205 m apart, and 1600 s at the top speed, as long as an episode may last."""
+    farthest = 45.0 + 100 * 205.0 + TOP_SPEED * 1600.0
+    assert farthest + road.END_MARGIN < FARTHEST
+    ours = road.straight_road(3)
+    assert (ours.start == -FARTHEST).all()
+    assert (ours.end == FARTHEST).all()
 
 
-def test_traffic_spacing_lies_in_its_range():
-    world = starts("training", 300)
-    x, lane = np.asarray(world.vehicles.x), np.asarray(world.vehicles.target_lane)
-    front = x[:, 1:3].max(axis=1)
-    first, spacing = x[:, 3] - front, np.diff(x[:, 3:], axis=1)
-    assert (np.abs(first - 45.0) <= 5.0 + 1e-3).all()
-    assert (np.abs(spacing - 25.0) <= 5.0 + 1e-3).all()
-    for gap, mean in ((first, 45.0), (spacing, 25.0)):
-        assert gap.max() - mean > 4.5
-        assert mean - gap.min() > 4.5
-    assert set(lane[:, 3:].ravel()) == {0, 1, 2}
-    np.testing.assert_array_equal(np.asarray(world.vehicles.y), 4.0 * lane)
-    assert (np.asarray(world.vehicles.speed)[:, 3:] == 12.5).all()
+NUMBERS = trap.Start(
+    lanes=3, ego_speed=11.0, trap_speed=9.0, front_distance=15.0, side_distance=5.0, spacing=17.0,
+    vehicles_ahead=1, vehicles_behind=2,
+)  # fmt: skip
+BUSY = TrapSettings(lanes=5, traffic=TrafficSettings(vehicles_ahead=1, vehicles_behind=2))
+PLACE = jax.jit(trap.place, static_argnums=(0, 3))
 
 
-def test_vehicles_behind_stand_behind():
-    settings = replace(SETTINGS, traffic=TrafficSettings(vehicles_ahead=2, vehicles_behind=3))
-    x = np.asarray(starts("test", 50, settings, 7).vehicles.x)
-    assert x.shape == (50, 8) == (50, trap.vehicle_count(settings))
-    assert (np.abs(x[:, 5] + 45.0) <= 5.0 + 1e-3).all()
-    assert (np.abs(np.diff(x[:, 5:], axis=1) + 25.0) <= 5.0 + 1e-3).all()
-    assert (x[:, 3:5] > x[:, 1:2]).all()
-    # Gaps ahead and behind are drawn apart.
-    gaps = x[:, 3] - np.maximum(x[:, 1], x[:, 2]), x[:, 4] - x[:, 3], -x[:, 5], x[:, 5] - x[:, 6]
-    assert np.abs(np.corrcoef(gaps) - np.eye(4)).max() < 0.5
+def test_given_numbers_are_where_they_belong():
+    world = PLACE(BUSY, replace(NUMBERS, lanes=4), trap.start_key(1, "test", 0), 5)
+    x = np.asarray(world.vehicles.x)
+    np.testing.assert_allclose(x[:3], [0.0, 15.0, 5.0])
+    assert world.vehicles.speed[:3].tolist() == [11.0, 9.0, 9.0]
+    # Plain vehicles seem to want to stop.
+    assert world.drivers.target_speed.tolist() == [0.0] * 3 + [12.5] * 3
+    assert world.road.present.tolist() == [True] * 4 + [False]
+    # The first gap is 45 m whatever the spacing, then one every 17 m; jitter 5 m.
+    gaps = [x[3] - 15.0, -x[4], x[4] - x[5]]
+    assert (np.abs(np.array(gaps) - [45, 45, 17]) <= 5.0).all()
 
 
-def test_the_missing_target_speed_can_be_switched_off():
-    quirk = sample(0, "test", 0)
-    plain = sample(0, "test", 0, replace(SETTINGS, missing_target_speed=False))
-    assert quirk.drivers.target_speed[:3].tolist() == [0.0, 0.0, 0.0]
-    assert plain.drivers.target_speed[:3].tolist() == [10.0, 10.0, 10.0]
-    np.testing.assert_array_equal(quirk.drivers.target_speed[3:], [12.5] * 9)
-    np.testing.assert_array_equal(plain.drivers.target_speed[3:], [12.5] * 9)
+def test_as_much_traffic_as_the_start_has():
+    start = replace(NUMBERS, vehicles_ahead=0, vehicles_behind=1)
+    world = PLACE(BUSY, start, trap.start_key(0, "test", 0), 5)
+    assert world.vehicles.present.tolist() == [True] * 3 + [False] + [True, False]
 
 
-def test_settings_reach_the_road():
-    settings = TrapSettings(
-        lanes=4,
-        lane_width=3.5,
-        speed_limit=25.0,
-        ego_speed=11.0,
-        trap_speed=9.0,
-        test_front_distance=20.0,
-        test_side_distance=-3.0,
-        traffic=TrafficSettings(vehicles_ahead=0),
-    )
-    world = sample(0, "test", 0, settings)
-    np.testing.assert_allclose(world.road.centre, [0.0, 3.5, 7.0, 10.5])
-    np.testing.assert_allclose(world.road.speed_limit, 25.0)
-    np.testing.assert_allclose(world.vehicles.x, [0.0, 20.0, -3.0])
-    np.testing.assert_allclose(world.vehicles.y, [0.0, 0.0, 3.5])
-    np.testing.assert_allclose(world.vehicles.speed, [11.0, 9.0, 9.0])
+@partial(jax.jit, static_argnums=(0, 3))
+def drive(settings, start, seed, lanes, chosen):
+    """Worlds and features along an episode of given actions."""
+    key = trap.start_key(seed, "test", 0)
+    state = episode.begin(trap.place(settings, start, key, lanes))
+
+    def decide(state, action):
+        seen = percept.perceive(DRIVING.observation, state.world)
+        state = episode.step(DRIVING, state, action, 50)
+        return state, (state.world.vehicles, seen.features, state.outcome)
+
+    return state.world, jax.lax.scan(decide, state, chosen)[1]
 
 
-CROWDED = TrafficSettings(vehicles_ahead=100, vehicles_behind=100, spacing=200.0)
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_absent_lanes_change_nothing_to_the_last_bit(seed):
+    """Three lanes of five driven beside a world that has but three: traffic changes lanes, the
+    ego wanders, and vehicles, features, rewards and endings are the same bits."""
+    chosen = np.random.default_rng(seed).integers(0, 9, 50)
+    # The speed at which the trap drives lets traffic from behind catch up and change lanes.
+    start = replace(NUMBERS, trap_speed=6.0, ego_speed=8.0)
+    padded, along = drive(BUSY, start, seed, 5, chosen)
+    plain, theirs = drive(BUSY, start, seed, 3, chosen)
+    assert padded.road.present.tolist() == [True, True, True, False, False]
+    assert plain.road.present.tolist() == [True, True, True]
+    assert same(padded.vehicles, plain.vehicles)
+    assert same(along, theirs)
+    lane = np.asarray(along[0].target_lane)
+    assert (lane[0] != lane[-1]).any()
+    assert lane.max() == 2
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [TrapSettings(), TrapSettings(test_side_distance=-200.0), TrapSettings(traffic=CROWDED)],
-    ids=["default", "trap car behind", "crowded"],
-)
-def test_everybody_stands_on_a_lane_as_far_as_a_drive_can_go(settings):
-    world = trap.sample(settings, trap.start_key(0, "test", 0), "test")
-    vehicles = world.vehicles
-    longest = TOP_SPEED * 1600.0
-    for drive in (0.0, longest, -longest):
-        x = vehicles.x + drive
-        assert (np.asarray(road.occupied_lanes(world.road, x, vehicles.y)) > 0).all()
-        assert (np.asarray(road.reachable_lanes(world.road, x, vehicles.y)) > 0).all()
-        there = replace(world, vehicles=replace(vehicles, x=x))
-        assert not accidents.off_road(there)
+@pytest.mark.slow
+def test_absent_traffic_is_not_there():
+    """Fewer vehicles than the arrays hold: absent ones neither move, nor are seen, nor matter."""
+    chosen = np.full(50, 4)
+    start = replace(NUMBERS, vehicles_ahead=0, vehicles_behind=0, ego_speed=9.0)
+    empty, along = drive(BUSY, start, 0, 3, chosen)
+    small = TrapSettings(traffic=TrafficSettings(vehicles_ahead=0))
+    alone, theirs = drive(small, start, 0, 3, chosen)
+    assert np.asarray(empty.vehicles.present).sum() == 3
+    np.testing.assert_array_equal(along[1], theirs[1])
+    np.testing.assert_array_equal(along[0].x[:, :3], theirs[0].x)
+    np.testing.assert_array_equal(empty.road.start, alone.road.start)

@@ -12,7 +12,6 @@ from highway_env import utils
 from highway_env.road.lane import StraightLane
 from highway_env.road.road import RoadNetwork
 from highway_env.vehicle.behavior import IDMVehicle
-from small_worlds import after, change, fit, make_world, taken
 
 from lanewise.interop.highway_env import build_env, command_table, read_world
 from lanewise.world import (
@@ -30,6 +29,7 @@ from lanewise.world import (
     tick,
 )
 from lanewise.world.settings import DriverSettings
+from small_worlds import after, change, fit, make_world, taken
 
 COUNT, SIDES = 12, (-1, 1)
 

@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+
+from lanewise.world import tick
+from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED
 from small_worlds import (
     ALL,
     DECISIONS,
@@ -31,9 +34,6 @@ from small_worlds import (
     taken,
     worlds,
 )
-
-from lanewise.world import tick
-from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED
 
 ROUNDING = 1e-12
 ALIGNED = 1e-9
@@ -383,15 +383,10 @@ LAWS = {
 }  # fmt: skip
 
 
+@pytest.mark.parametrize("examples", [60, pytest.param(400, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("law", LAWS)
-def test_law(law):
-    check(LAWS[law], examples=4 if law.startswith("halve") else 60)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("law", LAWS)
-def test_law_on_many_worlds(law):
-    check(LAWS[law], examples=40 if law.startswith("halve") else 1500)
+def test_law(law, examples):
+    check(LAWS[law], examples // 15 if law.startswith("halve") else examples)
 
 
 @pytest.mark.slow

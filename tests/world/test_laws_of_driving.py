@@ -6,10 +6,10 @@ import jax
 import numpy as np
 import pytest
 from hypothesis import assume
-from small_worlds import SIZE, change, check, lane_distances, mirrored, reordered, shifted
 
 from lanewise.driving import accidents, observation, reward
 from lanewise.driving.settings import DrivingSettings, ObservationSettings, RewardSettings
+from small_worlds import SIZE, change, check, lane_distances, mirrored, reordered, shifted
 
 SCALINGS = {"fine": 2.0, "highway-env": 1.0}
 """Scalings of the observation, and their limits."""
@@ -104,12 +104,7 @@ def unseen(world, rng):
 LAWS = {law.__name__: law for law in (bounds, shift, mirror, reorder, unseen)}
 
 
+@pytest.mark.parametrize("examples", [60, pytest.param(400, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("law", LAWS)
-def test_law_of_driving(law):
-    check(LAWS[law], examples=60)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("law", LAWS)
-def test_law_of_driving_on_many_worlds(law):
-    check(LAWS[law], examples=1500)
+def test_law_of_driving(law, examples):
+    check(LAWS[law], examples)

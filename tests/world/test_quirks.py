@@ -8,6 +8,12 @@ import numpy as np
 import pytest
 from highway_env.road.road import Road, RoadNetwork
 from highway_env.vehicle.behavior import IDMVehicle
+
+from lanewise.interop.highway_env import build_env, command_table, read_world
+from lanewise.world import build, idm, mobil, motion, road, tick
+from lanewise.world.settings import PAPER_DRIVER, DriverSettings
+from lanewise.world.state import CONSTANT, RULE_BASED, World
+from lanewise.world.steering import slip_sine
 from small_worlds import (
     after,
     assert_same,
@@ -20,12 +26,6 @@ from small_worlds import (
     single,
     taken,
 )
-
-from lanewise.interop.highway_env import build_env, command_table, read_world
-from lanewise.world import build, idm, mobil, motion, road, tick
-from lanewise.world.settings import PAPER_DRIVER, DriverSettings
-from lanewise.world.state import CONSTANT, RULE_BASED, World
-from lanewise.world.steering import slip_sine
 
 
 def assert_equal(ours, theirs, names=("x", "y", "heading", "speed", "target_lane", "crashed")):

@@ -16,7 +16,6 @@ from highway_env.vehicle.controller import ControlledVehicle, MDPVehicle
 from highway_env.vehicle.dynamics import BicycleVehicle
 from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Obstacle
-from small_worlds import change, make_world
 
 from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import SettingsError
@@ -25,6 +24,7 @@ from lanewise.interop.highway_env import build_env, command_table, read_world
 from lanewise.world import build
 from lanewise.world.settings import PAPER_DRIVER
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED
+from small_worlds import change, make_world
 
 
 def live(**config):

@@ -1,21 +1,17 @@
 """Small worlds in float64 NumPy, by hand or by Hypothesis, and a tick of them in both worlds."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import hypothesis
 import jax
 import numpy as np
 from hypothesis import strategies as st
+from parity_states import LANES_MAX, fit, random_drivers, random_road, random_vehicles, slip_sine
 
 from lanewise.interop.highway_env import build_env, read_world
 from lanewise.world import tick
 from lanewise.world.settings import PAPER_DRIVER
 from lanewise.world.state import EXTERNAL, RULE_BASED, Drivers, Road, Vehicles, World
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from parity_states import LANES_MAX, fit, random_drivers, random_road, random_vehicles, slip_sine
 
 TICK = 0.1
 """Length of a tick, s."""
