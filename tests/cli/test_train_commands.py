@@ -24,12 +24,6 @@ KEYS = {
 }  # fmt: skip
 
 
-@pytest.fixture
-def run(whole):
-    """The trained run."""
-    return whole
-
-
 def evaluate(run, capsys, *words):
     capsys.readouterr()
     episodes = () if "--episodes" in words else ("--episodes", "5")
@@ -37,9 +31,9 @@ def evaluate(run, capsys, *words):
     return capsys.readouterr()
 
 
-def test_evaluate_prints_one_json_object_and_a_line_per_episode(run, capsys, tmp_path):
+def test_evaluate_prints_one_json_object_and_a_line_per_episode(whole, capsys, tmp_path):
     file = tmp_path / "episodes.csv"
-    printed = evaluate(run, capsys, "--json", "--episodes-out", str(file)).out
+    printed = evaluate(whole, capsys, "--json", "--episodes-out", str(file)).out
     assert printed.count("\n") == 1
     found = json.loads(printed)
     assert found.keys() >= KEYS
@@ -47,7 +41,7 @@ def test_evaluate_prints_one_json_object_and_a_line_per_episode(run, capsys, tmp
     assert named == ("hierarchical", "lanewise", 5)
     assert found["accidents"].keys() == {"collision", "off_road", "stopped"}
     assert 0.0 <= found["success_rate"] <= 1.0
-    assert json.loads(evaluate(run, capsys, "--json").out) == found
+    assert json.loads(evaluate(whole, capsys, "--json").out) == found
     with file.open(newline="") as lines:
         rows = list(csv.DictReader(lines))
     assert len(rows) == 5
@@ -55,22 +49,22 @@ def test_evaluate_prints_one_json_object_and_a_line_per_episode(run, capsys, tmp
     assert mean == pytest.approx(found["travel_distance"], rel=1e-4)
 
 
-def test_episodes_that_cannot_be_written_cost_no_figures(run, capsys, tmp_path, monkeypatch):
+def test_episodes_that_cannot_be_written_cost_no_figures(whole, capsys, tmp_path, monkeypatch):
     def full(path, episodes):
         raise LanewiseError(f"cannot write {path}: No space left on device")
 
     monkeypatch.setattr(output_files, "write_csv", full)
     out = ["--episodes-out", str(tmp_path / "e.csv")]
-    assert main(["evaluate", str(run), "--episodes", "5", *out]) == 2
+    assert main(["evaluate", str(whole), "--episodes", "5", *out]) == 2
     said = capsys.readouterr()
     assert "hierarchical" in said.out
     assert "No space left" in said.err
 
 
 @pytest.mark.slow
-def test_highway_env_gives_the_same_figures(run, capsys):
+def test_highway_env_gives_the_same_figures(whole, capsys):
     ours, theirs = (
-        json.loads(evaluate(run, capsys, "--json", "--world", world, "--episodes", "1").out)
+        json.loads(evaluate(whole, capsys, "--json", "--world", world, "--episodes", "1").out)
         for world in ("lanewise", "highway-env")
     )
     assert theirs["world"] == "highway-env"
@@ -79,9 +73,9 @@ def test_highway_env_gives_the_same_figures(run, capsys):
 
 
 @pytest.mark.slow
-def test_watch_draws_a_clip(run, tmp_path, capsys):
+def test_watch_draws_a_clip(whole, tmp_path, capsys):
     clip = tmp_path / "clip.gif"
-    assert main(["watch", str(run), "-o", str(clip)]) == 0
+    assert main(["watch", str(whole), "-o", str(clip)]) == 0
     with Image.open(clip) as image:
         assert image.format == "GIF"
         assert image.n_frames > 1
@@ -99,17 +93,17 @@ def sweep_words(run, out, **changes):
 
 
 @pytest.mark.slow
-def test_sweep_writes_a_map_and_continues_an_interrupted_one(run, tmp_path, capsys, monkeypatch):
+def test_sweep_writes_a_map_and_continues_an_interrupted_one(whole, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(evaluator, "BLOCK", 4)
     out = tmp_path / "map"
-    assert main(sweep_words(run, out)) == 0
+    assert main(sweep_words(whole, out)) == 0
     printed = capsys.readouterr()
     assert "| all starts | 8 | 16 |" in printed.out
     assert "what can be won: starting" in printed.err
-    whole = json.loads((out / "map.json").read_text())
-    assert len(whole["starts"]) == 8
+    expected = json.loads((out / "map.json").read_text())
+    assert len(expected["starts"]) == 8
     assert not (out / "progress.jsonl").exists()
-    assert main(sweep_words(run, out)) == 2
+    assert main(sweep_words(whole, out)) == 2
     assert "is complete: see" in capsys.readouterr().err
 
     cut = tmp_path / "cut"
@@ -123,41 +117,41 @@ def test_sweep_writes_a_map_and_continues_an_interrupted_one(run, tmp_path, caps
 
     with monkeypatch.context() as patch:
         patch.setattr(evaluator, "drive_block", interrupted)
-        assert main(sweep_words(run, cut)) == 130
+        assert main(sweep_words(whole, cut)) == 130
     assert "the same command continues it" in capsys.readouterr().err
     journal = cut / "progress.jsonl"
     assert len(journal.read_text().splitlines()) == 1 + 4 + 4
     journal.write_text(journal.read_text() + '{"kind": "Outc')  # as a kill would leave it
-    assert main(sweep_words(run, cut, episodes="3")) == 2
+    assert main(sweep_words(whole, cut, episodes="3")) == 2
     assert "holds another sweep" in capsys.readouterr().err
     # So is that of another controller with the same settings and seed.
     kept = journal.read_text()
-    weights = json.loads((run / "controller.json").read_text())["sha256"]
+    weights = json.loads((whole / "controller.json").read_text())["sha256"]
     journal.write_text(kept.replace(weights, "0" * 64))
-    assert main(sweep_words(run, cut)) == 2
+    assert main(sweep_words(whole, cut)) == 2
     assert "holds another sweep" in capsys.readouterr().err
     journal.write_text(kept)
-    assert main(sweep_words(run, cut)) == 0
+    assert main(sweep_words(whole, cut)) == 0
     assert "episodes: continuing" in capsys.readouterr().err
     again = json.loads((cut / "map.json").read_text())
-    assert again["starts"] == whole["starts"]
+    assert again["starts"] == expected["starts"]
 
 
-def test_sweep_refuses_before_it_works(run, tmp_path, capsys):
+def test_sweep_refuses_before_it_works(whole, tmp_path, capsys):
     for changes, hint in (
         ({"front_distance": "15 5"}, "more than a car length (5.0 m), got 5.0"),
         ({"spacing": "25 8", "vehicles_behind": "0 2"}, "more than a car length"),
         ({"lanes": "3 3"}, "--lanes: 3 is given twice"),
     ):
-        assert main(sweep_words(run, tmp_path / "map", **changes)) == 2
+        assert main(sweep_words(whole, tmp_path / "map", **changes)) == 2
         assert hint in capsys.readouterr().err
     assert not (tmp_path / "map").exists()
     with folder_io.make_locked(tmp_path / "busy", "sweeping"):
-        assert main(sweep_words(run, tmp_path / "busy")) == 2
+        assert main(sweep_words(whole, tmp_path / "busy")) == 2
     assert "busy is in use: another process is sweeping in it" in capsys.readouterr().err
     assert list((tmp_path / "busy").iterdir()) == []
     (tmp_path / "note").write_text("mine")
-    assert main(sweep_words(run, tmp_path)) == 2
+    assert main(sweep_words(whole, tmp_path)) == 2
     assert "holds no sweep" in capsys.readouterr().err
 
 
@@ -172,7 +166,7 @@ def replaced(out):
 
 
 @pytest.mark.parametrize(("change", "late"), [(removed, False), (replaced, True)])
-def test_a_sweep_writes_into_no_other_folder(run, tmp_path, monkeypatch, capsys, change, late):
+def test_a_sweep_writes_into_no_other_folder(whole, tmp_path, monkeypatch, capsys, change, late):
     out, draw, left = tmp_path / "map", maps.write_sweep, {}
 
     def break_in():
@@ -192,7 +186,7 @@ def test_a_sweep_writes_into_no_other_folder(run, tmp_path, monkeypatch, capsys,
     monkeypatch.setattr(drives, "run", drive_all)
     if late:
         monkeypatch.setattr(maps, "write_sweep", draw_all)
-    assert main(sweep_words(run, out, ego_speed="9", lanes="3", spacing="25")) == 2
+    assert main(sweep_words(whole, out, ego_speed="9", lanes="3", spacing="25")) == 2
     said = capsys.readouterr().err.splitlines()
     assert f"lanewise: error: {out} was moved, removed or replaced" in said[-2]
     assert small_runs.everything(tmp_path) == left
