@@ -13,7 +13,7 @@ from statistics import mean
 from typing import Any
 
 import ages
-import speed_tables
+import measured_tables
 
 from lanewise import config
 from lanewise.config.settings import Settings
@@ -190,12 +190,17 @@ def readings(report: str) -> str:
 def speed(report: str) -> str:
     """Every figure of the benchmark."""
     stored = _read(report)
-    return speed_tables.whole(stored, _machine(stored))
+    return measured_tables.speed(stored, _machine(stored))
 
 
 def ratios(report: str) -> str:
     """What the benchmark's figures say about one another."""
-    return speed_tables.brief(_read(report))
+    return measured_tables.ratios(_read(report))
+
+
+def campaigns(folder: str) -> str:
+    """What the campaigns found."""
+    return measured_tables.campaigns(RESULTS / folder)
 
 
 def _tested(title: str, stored: Any, who: str) -> ArmFigures:
@@ -218,7 +223,7 @@ TABLES: dict[str, Callable[..., str]] = {
     make.__name__: make
     for make in (
         *(headline, tests, effort, over_seeds, training, outside, examples, readings),
-        *(speed, ratios),
+        *(speed, ratios, campaigns),
     )
 }
 """By the kind that a mark names."""
