@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from lanewise.cli.main import main
-from lanewise.report import installation
+from lanewise.report import installation, provenance
 
 
 def test_all_is_well(capsys):
@@ -27,10 +27,10 @@ def test_all_is_well(capsys):
 def test_what_is_missing(monkeypatch, capsys):
     def version(name):
         if name == "matplotlib":
-            raise installation.PackageNotFoundError(name)
+            raise provenance.PackageNotFoundError(name)
         return "1.0"
 
-    monkeypatch.setattr(installation, "version", version)
+    monkeypatch.setattr(provenance, "version", version)
     assert main(["doctor"]) == 1  # highway-env 1.0 is another than ours speaks of
     said = capsys.readouterr().out
     assert 'pip install ".[report]" in your clone brings matplotlib' in said

@@ -36,9 +36,6 @@ def measure(
         groups: cores of each process.
         python: interpreter of the processes.
 
-    Returns:
-        The result of all processes: rates and memory added up, other numbers averaged.
-
     Raises:
         LanewiseError: a worker failed; the message ends with its last line of standard error.
     """
@@ -52,12 +49,10 @@ def measure(
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=errors,
-                env={
-                    **os.environ,
-                    # Without the filter a failure ends with its reason, not with advice.
-                    "JAX_TRACEBACK_FILTERING": "off",
-                    **(ONE_THREAD if len(cores) == 1 else {}),
-                },
+                # Without the filter a failure ends with its reason, not with advice.
+                env=os.environ
+                | {"JAX_TRACEBACK_FILTERING": "off"}
+                | (ONE_THREAD if len(cores) == 1 else {}),
                 text=True,
             )
             children.append((stack.enter_context(child), errors))

@@ -14,16 +14,9 @@ from lanewise.bench.suite import Benchmark
 from lanewise.errors import LanewiseError, RunError
 from lanewise.system.progress import Progress
 
-Comparison = Callable[[Sequence[Measurement]], tuple[dict[str, Any], str]]
-"""What figures say about one another: more of the result, and more of the text."""
-
 
 def check_out(out: Path | None) -> None:
-    """Refuses a result file that cannot be written, before anything is measured.
-
-    Raises:
-        LanewiseError: it exists, or its folder cannot be made.
-    """
+    """Refuses a result file that exists or cannot be written, before anything is measured."""
     from lanewise.report import output_files
 
     if out is not None:
@@ -40,7 +33,7 @@ def run(
     notes: Sequence[str] = (),
     as_json: bool = False,
     versions: Mapping[str, str] | None = None,
-    compare: Comparison = lambda _: ({}, ""),
+    compare: Callable[[Sequence[Measurement]], tuple[dict[str, Any], str]] = lambda _: ({}, ""),
 ) -> int:
     """Measures, prints and stores; returns the exit code: 1 where a measurement failed.
 
@@ -51,10 +44,10 @@ def run(
         notes: printed before.
         as_json: whether to print the result instead of tables.
         versions: of packages in other environments.
-        compare: compares the figures.
+        compare: of the figures, more of the result and more of the text.
 
     Raises:
-        KeyboardInterrupt: it was interrupted; what was measured so far is printed and stored.
+        KeyboardInterrupt: after what was measured so far has been printed and stored.
     """
     from lanewise.report import output_files, provenance
 

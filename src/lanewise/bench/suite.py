@@ -52,15 +52,11 @@ class Benchmark:
 
     @property
     def label(self) -> str:
-        """What it is called while it is measured."""
+        """Its name while it is measured."""
         return f"{self.part}: {self.case}: {self.subject}"
 
     def measure(self) -> Measurement:
-        """Runs it.
-
-        Raises:
-            LanewiseError: it failed.
-        """
+        """Runs it (`processes.measure`)."""
         usable = process.usable_cores()[: self.cores]
         groups = [[core] for core in usable] if self.apart else [usable]
         found = processes.measure(self.file, self.function, self.arguments, groups, self.python)
@@ -76,28 +72,28 @@ def benchmarks(seconds: float, count: int, gpu: bool = False) -> list[Benchmark]
         gpu: whether JAX has a GPU; the part ``gpu`` is empty otherwise.
     """
     found = []
+    cores = plural(count, "core")
 
     def add(part: str, case: str, subject: str, function: str, **more: Any) -> None:
         """A benchmark; what is no field of `Benchmark` is an argument of the function."""
-        own = {name: more.pop(name) for name in ("cores", "apart", "file") if name in more}
-        found.append(
-            Benchmark(
-                part=part, case=case, subject=subject, function=function, arguments=more, **own
-            )
-        )
+        own: dict[str, Any] = {"part": part, "case": case, "subject": subject, "function": function}
+        own |= {name: more.pop(name) for name in ("cores", "apart", "file") if name in more}
+        if own.get("file") != COMMANDS:
+            more["seconds"] = seconds
+        found.append(Benchmark(arguments=more, **own))
 
     for name, words in STARTED.items():
         add("start-up", name, name, "start_up", words=words, cores=count, file=COMMANDS)
     for used in sorted({1, count}):
         for vehicles, lanes in LANES.items():
-            size = {"vehicles": vehicles, "lanes": lanes, "seconds": seconds}
+            size = {"vehicles": vehicles, "lanes": lanes}
             case = f"{vehicles} vehicles, {plural(used, 'core')}"
             for worlds in (1, 64, 1024, 4096) if used == count else (1024,):
                 subject = f"lanewise, {plural(worlds, 'world')}"
                 add("world", case, subject, "world", cores=used, apart=True, worlds=worlds, **size)
-        add("update", update_case(used), "lanewise", "update", cores=used, seconds=seconds)
+        add("update", update_case(used), "lanewise", "update", cores=used)
     for vehicles, lanes in LANES.items():
-        size = {"vehicles": vehicles, "lanes": lanes, "seconds": seconds}
+        size = {"vehicles": vehicles, "lanes": lanes}
         add("latency", f"{vehicles} vehicles, 1 core", "lanewise", "decision", **size)
         for worlds in (4096, 65_536) if gpu else ():
             case, subject = f"{vehicles} vehicles, 1 GPU", f"lanewise, {worlds} worlds"
@@ -105,23 +101,21 @@ def benchmarks(seconds: float, count: int, gpu: bool = False) -> list[Benchmark]
     for apart in (False, True) if count > 1 else (False,):
         case = training_case(apart, count)
         for worlds in (1, 32):
-            subject, size = f"lanewise, {plural(worlds, 'world')}", {"worlds": worlds}
-            size |= {"seconds": seconds}
-            add("training", case, subject, "training", cores=count, apart=apart, **size)
+            subject = f"lanewise, {plural(worlds, 'world')}"
+            add("training", case, subject, "training", cores=count, apart=apart, worlds=worlds)
     case = f"{EPISODES:,} test episodes"
     add("evaluation", case, "lanewise", "evaluation", cores=count, file=COMMANDS, episodes=EPISODES)
     sizes = [("vehicles", vehicles, 3) for vehicles in (5, 12, 25, 51, 100)]
     for axis, vehicles, lanes in sizes + [("lanes", 12, lanes) for lanes in (2, 3, 5, 8)]:
         subject = f"lanewise, {vehicles} vehicles, {lanes} lanes"
-        size = {"worlds": 256, "vehicles": vehicles, "lanes": lanes, "seconds": seconds}
+        size = {"worlds": 256, "vehicles": vehicles, "lanes": lanes}
         add("scaling", f"{axis}, 1 core", subject, "world", **size)
-    seeds = [("scaling", f"seeds, {plural(count, 'core')}", seeds) for seeds in (1, 2, 4)]
+    seeds = [("scaling", f"seeds, {cores}", number) for number in (1, 2, 4)]
     if gpu:
         seeds += [("gpu", "training, one update a step, 1 GPU", n) for n in (1, 16, 64, 256)]
     for part, case, number in seeds:
-        size = {"count": number, "worlds": 32, "seconds": seconds}
         subject = f"lanewise, {plural(number, 'seed')} in one loop"
-        add(part, case, subject, "many_seeds", cores=count, **size)
+        add(part, case, subject, "many_seeds", cores=count, count=number, worlds=32)
     return sorted(found, key=lambda each: PARTS.index(each.part))
 
 

@@ -24,7 +24,6 @@ from lanewise.learning.learner import Learner
 from lanewise.learning.replay import Replay, Transition
 from lanewise.learning.settings import LearnerSettings
 from lanewise.training import multi_seed, recipe, stage, trainer
-from lanewise.training.selection import StageProgress
 from lanewise.training.trainer import StagePlan
 
 Timed = Callable[[], dict[str, Any]]
@@ -215,17 +214,11 @@ def training_plan(worlds: int, warm_up: int) -> StagePlan:
     )
 
 
-def past_warm_up(plan: StagePlan, seed: int) -> StageProgress:
-    """A training, compiled and past `WARM_UP`."""
+def _chunk_by_chunk(plan: StagePlan, seed: int) -> Callable[[], None]:
+    """A function that advances a training, compiled and past `WARM_UP`, by one chunk."""
     progress = trainer.begin(plan, {}, jax.random.key(seed))
     while progress.counters.decisions <= WARM_UP:
         progress, _ = trainer.advance(plan, {}, progress)
-    return progress
-
-
-def _chunk_by_chunk(plan: StagePlan, seed: int) -> Callable[[], None]:
-    """A function that advances a training, which is past its warm-up, by one chunk."""
-    progress = past_warm_up(plan, seed)
 
     def call() -> None:
         nonlocal progress

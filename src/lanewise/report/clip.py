@@ -4,7 +4,7 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, Any, cast
 
 import numpy as np
 
@@ -26,11 +26,7 @@ GIF_COLOURS = 96
 
 
 def check_name(path: Path | str) -> str:
-    """The suffix of a clip's path; call it before driving an episode for nothing.
-
-    Raises:
-        LanewiseError: if it is neither .gif nor .mp4.
-    """
+    """The suffix of a clip's path; call it before an episode is driven for nothing."""
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
         raise LanewiseError(f"cannot write {path}: the name must end in {' or '.join(SUFFIXES)}")
@@ -48,12 +44,9 @@ def render(recording: Recording, path: Path | str, size: tuple[int, int] = SIZE)
     Raises:
         LanewiseError: for any other suffix, or if the file cannot be written.
     """
-    suffix = check_name(path)
+    write = {".gif": _gif, ".mp4": _mp4}[check_name(path)]
     with replacing(path) as beside:
-        if suffix == ".gif":
-            _gif(recording, beside, size)
-        else:
-            _mp4(recording, beside, size)
+        write(recording, beside, size)
 
 
 def _frames(recording: Recording, size: tuple[int, int]) -> Iterator[Image.Image]:
@@ -68,13 +61,10 @@ def _frames(recording: Recording, size: tuple[int, int]) -> Iterator[Image.Image
 
 def _gif(recording: Recording, path: Path, size: tuple[int, int]) -> None:
     palette = _palette(recording, size)
-    reduced = (
-        image.quantize(palette=palette, dither=Image.Dither.NONE)
-        for image in _frames(recording, size)
-    )
-    next(reduced).save(
-        path, save_all=True, append_images=reduced, duration=1000 // FRAME_RATE, loop=0
-    )
+    frames = _frames(recording, size)
+    reduced = (image.quantize(palette=palette, dither=Image.Dither.NONE) for image in frames)
+    looks: Any = {"save_all": True, "duration": 1000 // FRAME_RATE, "loop": 0}
+    next(reduced).save(path, append_images=reduced, **looks)
 
 
 def _palette(recording: Recording, size: tuple[int, int]) -> Image.Image:
@@ -116,9 +106,8 @@ def _mp4(recording: Recording, path: Path, size: tuple[int, int]) -> None:
 def _encode(ffmpeg: str, frames: Iterator[Image.Image], place: str, size: tuple[int, int]) -> int:
     """Hand frames to an ffmpeg; how many it made a video of, 0 if it failed.
 
-    imageio-ffmpeg's own writer has Python run in the new process before it becomes ffmpeg, to give
-    it a process group. A copy of a process with threads, such as JAX's, may wait there for ever.
-    ``process_group`` does the same without Python, so that nothing can wait.
+    imageio-ffmpeg's own writer runs Python in the new process before it becomes ffmpeg, to give it
+    a process group; in a copy of a process with threads, such as JAX's, that may wait for ever.
     """
     raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}"]
     # yuv420 is what all players know; it halves the colour resolution, hence even sizes.

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import isfinite, nan
-from typing import Any
+from typing import Any, NamedTuple
 
 from lanewise.errors import one_line
 from lanewise.evaluation.aggregates import Estimate
@@ -44,7 +44,6 @@ class ComparisonPage:
     """A comparison and how it was made."""
 
     comparison: Comparison
-    """The figures."""
     settings: Mapping[str, tuple[Any, ...]]
     """Settings that are not the same in all runs, by dotted name: one value for each run."""
     seed: int
@@ -52,15 +51,12 @@ class ComparisonPage:
     scenario_of: str | None = None
     """The run whose scenario all drove in; None if each drove in its own, and all are the same."""
     command: str = ""
-    """The command that made it."""
 
 
-@dataclass(frozen=True)
-class Section:
+class Section(NamedTuple):
     """A table with a row for each run or arm, and a column for each metric of `SHOWN`."""
 
     title: str
-    """What its figures are."""
     units: Sequence[str]
     """Below the metrics' titles."""
     rows: Sequence[Sequence[str]]
@@ -75,13 +71,12 @@ def text(page: ComparisonPage) -> str:
         for index, run in enumerate(page.comparison.runs)
     ]
     parts = ["\n".join(one_line(line) for line in runs + _arms(page.comparison)), _test(page) + "."]
-    for section in sections(page.comparison):
-        blocks = [section.title]
+    for title, units, rows in _sections(page.comparison):
+        blocks = [title]
         for first in range(0, len(SHOWN), COLUMNS):
             some = slice(first, first + COLUMNS)
-            heads = [["", *(m.title for m in SHOWN[some])], ["", *section.units[some]]]
-            rows = [[label, *cells[some]] for label, *cells in section.rows]
-            blocks.append(tables.text(heads, rows))
+            heads = [["", *(metric.title for metric in SHOWN[some])], ["", *units[some]]]
+            blocks.append(tables.text(heads, [[label, *cells[some]] for label, *cells in rows]))
         parts.append("\n".join(blocks))
     parts.append("\n".join(["Settings that differ", *map(one_line, _settings(page))]))
     return "\n\n".join([*parts, "\n".join(_notes(page.comparison))]) + "\n"
@@ -95,11 +90,11 @@ def markdown(page: ComparisonPage) -> str:
     ]
     arms = [f"- {cell(line)}" for line in _arms(page.comparison)]
     parts = ["# Comparison of runs", "\n".join(runs + arms), cell(_test(page)) + "."]
-    for section in sections(page.comparison):
-        titles = zip((metric.title for metric in SHOWN), section.units, strict=True)
+    for section, units, rows in _sections(page.comparison):
+        titles = zip((metric.title for metric in SHOWN), units, strict=True)
         heads = ["", *(cell(", ".join(filter(None, head))) for head in titles)]
-        rows = [[label, *map(_on_one_line, cells)] for label, *cells in section.rows]
-        parts += [f"## {cell(section.title)}", tables.markdown(heads, rows)]
+        shown = [[label, *map(_on_one_line, cells)] for label, *cells in rows]
+        parts += [f"## {cell(section)}", tables.markdown(heads, shown)]
     parts += ["## Settings that differ", "\n".join(f"- {cell(line)}" for line in _settings(page))]
     packages = (f"{name} {number}" for name, number in versions().items())
     made = cell(", ".join([*packages, commits([source()])]))
@@ -120,23 +115,17 @@ def to_json(page: ComparisonPage) -> dict[str, Any]:
             {"run": run.name, "seed": run.seed, **summary.to_json()}
             for run, summary in zip(comparison.runs, comparison.summaries, strict=True)
         ],
-        "settings": {name: list(values) for name, values in page.settings.items()},
+        "settings": dict(page.settings),
         "differences": [
-            {"run": number, "to": 0, **{name: d.to_json() for name, d in found.items()}}
+            {"run": number, "to": 0, **_plain(found)}
             for number, found in enumerate(comparison.differences, 1)
         ],
         "arms": [
-            {
-                "controller": arm.controller,
-                "runs": list(arm.runs),
-                "seeds": list(arm.seeds),
-                "values": {name: list(values) for name, values in arm.values.items()},
-                "interquartile_mean": _estimates(arm.interquartile_mean),
-            }
+            vars(arm) | {"interquartile_mean": _plain(arm.interquartile_mean)}
             for arm in comparison.arms
         ],
         "improvements": [
-            {"arm": each.arm, "over": each.over, "probability": _estimates(each.probability)}
+            vars(each) | {"probability": _plain(each.probability)}
             for each in comparison.improvements
         ],
     }
@@ -163,7 +152,7 @@ def letter(index: int) -> str:
     return (letter(before - 1) if before else "") + chr(ord("A") + last)
 
 
-def sections(comparison: Comparison) -> list[Section]:
+def _sections(comparison: Comparison) -> list[Section]:
     """The tables: runs, differences to the first, and over seeds where an arm has several."""
     units = [unit(metric) for metric in SHOWN]
     runs = [
@@ -208,17 +197,13 @@ def _on_one_line(lines: str) -> str:
     return cell(f"{value} {below if below.startswith('(') or not below else f'({below})'}".rstrip())
 
 
-def _estimates(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
-    return {name: estimate.to_json() for name, estimate in estimates.items()}
+def _plain(figures: Mapping[str, Estimate | Difference]) -> dict[str, Any]:
+    return {name: figure.to_json() for name, figure in figures.items()}
 
 
 def _arms(comparison: Comparison) -> list[str]:
-    if not comparison.has_seeds:
-        return []
-    return [
-        f"arm {number}: {' '.join(map(letter, arm.runs))}"
-        for number, arm in enumerate(comparison.arms, 1)
-    ]
+    arms = enumerate(comparison.arms if comparison.has_seeds else (), 1)
+    return [f"arm {number}: {' '.join(map(letter, arm.runs))}" for number, arm in arms]
 
 
 def _test(page: ComparisonPage) -> str:

@@ -24,18 +24,21 @@ NOTE = (
 
 
 def columns(summaries: Sequence[Summary]) -> list[Summary]:
-    """Columns of the table: controller by controller, the published one before ours.
+    """Columns of the table: controllers in the paper's order, then others as given.
 
-    Controllers come in the paper's order, others after them as given; a published column (its
-    world is ``published``) stands only beside a controller of ours whose tests are all the paper's.
+    A published column (its world is ``published``) stands only before a controller whose tests are
+    all the paper's.
     """
-    ours = list(dict.fromkeys(s.controller for s in summaries))
-    ordered = [c for c in PUBLISHED if c in ours] + [c for c in ours if c not in PUBLISHED]
+    ours = dict.fromkeys(s.controller for s in summaries)
     result = []
-    for controller in ordered:
+    for controller in dict.fromkeys([*(c for c in PUBLISHED if c in ours), *ours]):
         own = [s for s in summaries if s.controller == controller]
         if controller in PUBLISHED and all(s.unlike_paper == "" for s in own):
-            result.append(_published(controller))
+            known = PUBLISHED[controller]
+            found = {name: published_interval(controller, name) for name in known}
+            intervals = {name: each for name, each in found.items() if each is not None}
+            count = PUBLISHED_EPISODES
+            result.append(Summary(controller, "published", count, known, {}, intervals))
         result += own
     return result
 
@@ -59,12 +62,6 @@ def text(summaries: Sequence[Summary]) -> str:
         blocks.append(tables.text([heads], _rows(block)))
     notes = ["\n".join(part) for part in (_left_out(summaries), NOTE)]
     return "\n\n".join([*blocks, *filter(None, notes)]) + "\n"
-
-
-def _published(controller: str) -> Summary:
-    intervals = {name: published_interval(controller, name) for name in PUBLISHED[controller]}
-    known = {name: interval for name, interval in intervals.items() if interval is not None}
-    return Summary(controller, "published", PUBLISHED_EPISODES, PUBLISHED[controller], {}, known)
 
 
 def _left_out(summaries: Sequence[Summary]) -> list[str]:

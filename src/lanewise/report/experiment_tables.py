@@ -1,9 +1,8 @@
 """Tables of an experiment as Markdown and text: a row for each arm, figures over its seeds."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite, nan
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -52,6 +51,9 @@ WEIGHTS = (
 EFFORT = ("decisions", "episodes", "updates", "seconds")
 """What a training took, over all its stages."""
 
+UNLIKE_TEST, UNLIKE_TRAINING = "unlike_paper", "unlike_papers_training"
+"""Fields of `ArmFigures`: how an arm's tests, or its trainings, differ from the published ones."""
+
 Rows = Sequence[Mapping[str, Any]]
 
 
@@ -60,9 +62,8 @@ class ArmFigures:
     """What the tables need of an arm."""
 
     title: str
-    """Its name for people."""
     controller: str
-    """Name of its controller, by which published figures are found."""
+    """By which published figures are found."""
     seeds: Sequence[int]
     """In the order of what follows."""
     tests: Mapping[str, Sequence[Summary]]
@@ -79,12 +80,6 @@ class ArmFigures:
     def values(self, world: str, metric: str) -> list[float]:
         """A metric of every seed; NaN where it is unknown."""
         return [summary.values.get(metric, nan) for summary in self.tests.get(world, ())]
-
-
-Unlike = Callable[[ArmFigures], str | None]
-UNLIKE_TEST: Unlike = attrgetter("unlike_paper")
-UNLIKE_TRAINING: Unlike = attrgetter("unlike_papers_training")
-"""How an arm's tests, or its trainings, differ from the published ones."""
 
 
 def tests(arms: Sequence[ArmFigures], world: str) -> str:
@@ -160,15 +155,12 @@ def training(arms: Sequence[ArmFigures]) -> str:
     for arm, published in _beside(trained, PUBLISHED_TRAINING, UNLIKE_TRAINING):
         if published:
             figures = PUBLISHED_TRAINING[arm.controller]
-            cells = [
-                spread([factor * figures.get(name, nan)], places)
-                for name, _, factor, places in TRAINING
-            ]
+            cells = (spread([factor * figures.get(n, nan)], d) for n, _, factor, d in TRAINING)
             rows.append([f"*{cell(arm.controller)}, published*", "5", *cells])
-        cells = [
+        cells = (
             spread([factor * last_mean(episodes, name) for episodes in arm.training], places)
             for name, _, factor, places in TRAINING
-        ]
+        )
         rows.append([cell(arm.title), str(len(arm.training)), *cells])
     left = _left_out(trained, PUBLISHED_TRAINING, UNLIKE_TRAINING)
     return _noted(tables.markdown(heads, rows), left)
@@ -196,11 +188,7 @@ def effort(arms: Sequence[ArmFigures]) -> str:
 
 
 def weights(stages: Mapping[str, Sequence[SelectedWeights]]) -> str:
-    """Kept and last weights, a row for each stage: means over seeds, lowest and highest.
-
-    Args:
-        stages: by title, what each seed kept.
-    """
+    """Kept and last weights, a row for each stage, by title: means over seeds and extremes."""
     heads = ["stage", "kept by", "chosen for success, %"]
     heads += [f"{title}: {of}" for _, title, _, _ in WEIGHTS for of in ("kept", "last")]
     rows = []
@@ -236,22 +224,20 @@ def text(arms: Sequence[ArmFigures], world: str) -> str:
 
 
 def _beside(
-    arms: Sequence[ArmFigures], published: Mapping[str, Any], unlike: Unlike
+    arms: Sequence[ArmFigures], published: Mapping[str, Any], unlike: str
 ) -> Iterator[tuple[ArmFigures, bool]]:
     """Each arm, and whether its controller's published figures stand before it: once."""
     seen: set[str] = set()
     for arm in arms:
-        first = arm.controller in published and unlike(arm) == "" and arm.controller not in seen
-        if first:
+        alike = arm.controller in published and getattr(arm, unlike) == ""
+        yield arm, alike and arm.controller not in seen
+        if alike:
             seen.add(arm.controller)
-        yield arm, first
 
 
-def _left_out(
-    arms: Sequence[ArmFigures], published: Mapping[str, Any], unlike: Unlike
-) -> list[str]:
+def _left_out(arms: Sequence[ArmFigures], published: Mapping[str, Any], unlike: str) -> list[str]:
     """Why some arms must not be compared with published figures."""
-    why = {arm.title: unlike(arm) for arm in arms if arm.controller in published}
+    why = {arm.title: getattr(arm, unlike) for arm in arms if arm.controller in published}
     return tables.left_out({title: reason for title, reason in why.items() if reason})
 
 

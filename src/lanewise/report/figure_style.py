@@ -16,11 +16,12 @@ from lanewise.system.extras import needed_for
 with needed_for("a figure"):
     import matplotlib.style
     import matplotlib.ticker
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
+    from matplotlib.artist import Artist as Artist
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.collections import PolyCollection as PolyCollection
     from matplotlib.figure import Figure as Figure
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
+    from matplotlib.lines import Line2D as Line2D
+    from matplotlib.patches import Patch as Patch
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -28,7 +29,6 @@ Look = dict[str, Any]
 """Keywords of a matplotlib artist."""
 
 FORMATS = (".png", ".svg")
-"""What every figure can be written as."""
 WIDTH = 7.2
 """Width of a figure, inches: both columns of a journal page."""
 DPI = 200
@@ -79,24 +79,18 @@ _RC: dict[Any, Any] = {
 
 @contextmanager
 def look() -> Iterator[None]:
-    """The settings every figure is drawn and written under, whatever the user's own are.
-
-    Also a decorator: `@look()` above a `draw`.
-    """
+    """The settings of every figure, whatever the user's own are; also a decorator of `draw`."""
     with matplotlib.style.context(["default", _RC]):
         yield
 
 
 def save(figure: Figure, path: Path, suffixes: Iterable[str] = FORMATS) -> None:
-    """Write a figure into a PNG and an SVG file; the same data give the same bytes.
+    """Write a freshly drawn figure as PNG and SVG; the same data give the same bytes.
 
     Args:
         figure: freshly drawn.
-        path: without an ending; each file appears only when complete.
+        path: without an ending.
         suffixes: of the files.
-
-    Raises:
-        LanewiseError: a file cannot be written.
     """
     for suffix in suffixes:
         # Without the date in it, the same data give the same file.
@@ -127,9 +121,9 @@ def curve(axes: Axes, x: Floats, y: Floats, style: Style, **more: Any) -> None:
 def band(
     axes: Axes, x: Floats, low: Floats, high: Floats, style: Style, *, stepped: bool = False
 ) -> None:
-    """What lies between two curves, pale, with thin edges; stepped: each value holds till the next.
+    """What lies between two curves, pale; stepped: each value holds till the next.
 
-    The edges keep the style's dashes, so that bands differ in grey too.
+    The thin edges keep the style's dashes, so that bands differ in grey too.
     """
     pale: Look = {"color": style.colour, "alpha": 0.13, "linewidth": 0.0}
     axes.fill_between(x, low, high, step="post" if stepped else None, **pale)

@@ -8,14 +8,8 @@ from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import ACCIDENTS, Recording
 from lanewise.report import figure_style as style
 from lanewise.report import road_shapes
+from lanewise.report.figure_style import Axes, Figure, Look, Patch, PolyCollection
 from lanewise.report.road_shapes import Moment
-from lanewise.system.extras import needed_for
-
-with needed_for("the film strip"):
-    from matplotlib.axes import Axes
-    from matplotlib.collections import PolyCollection
-    from matplotlib.figure import Figure
-    from matplotlib.patches import Patch
 
 TIMES = (1.0, 2.0, 3.0, 4.0, 9.0, 18.0)
 """The paper's moments, s."""
@@ -33,15 +27,11 @@ NAMES = ("ego (E)", "trap cars (numbered)", "traffic")
 
 @style.look()
 def draw(columns: Mapping[str, Recording], *, times: Sequence[float] = TIMES) -> Figure:
-    """Moments of one episode per controller.
+    """Moments of one episode per controller, in columns by title and rows by time, s.
 
     Under each frame stand the instant reward r_t of the decision that ended at t, the accumulated
     reward R_t (one reward a second so far) and the speed; right of them, what has become of the
     ego. The view follows the ego. After its end an episode stands still, and has no r_t.
-
-    Args:
-        columns: by title, left to right, at most two.
-        times: s, top to bottom.
 
     Raises:
         LanewiseError: if there is no recording or no moment, or too many recordings.
@@ -60,9 +50,8 @@ def draw(columns: Mapping[str, Recording], *, times: Sequence[float] = TIMES) ->
             left = LEFT + column * (width + GAP)
             bottom = height - TOP - row * (frame_height + CAPTION) - frame_height
             box = np.array([left, bottom, width, frame_height])
-            axes = figure.add_axes(
-                tuple(box / [style.WIDTH, height, style.WIDTH, height]), label=f"{title}, {t:g} s"
-            )
+            box /= [style.WIDTH, height, style.WIDTH, height]
+            axes = figure.add_axes(tuple(box), label=f"{title}, {t:g} s")
             _frame(axes, recording, road_shapes.moment(recording, t), 72.0 * inch)
             _caption(axes, recording, t)
             if row == 0:
@@ -120,25 +109,14 @@ def _caption(axes: Axes, recording: Recording, t: float) -> None:
     instant = "-" if over or now.index == 0 else f"{recording.reward[now.index]:+.2f}"
     words = f"$r_t$ = {instant}   $R_t$ = {recording.accumulated_reward[now.index]:.2f}"
     words += f"   {now.ego_speed:.1f} m/s"
-    for text, side, weight in (
-        (words, "left", "normal"),
-        (_fate(recording, now, over), "right", "bold"),
-    ):
-        axes.annotate(
-            text,
-            (float(side == "right"), 0.0),
-            (0.0, -2.0),
-            xycoords="axes fraction",
-            textcoords="offset points",
-            va="top",
-            ha=side,
-            fontsize="small",
-            fontweight=weight,
-        )
+    fate = _fate(recording, now, over)
+    below: Look = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "top"}
+    for place, text, side, weight in ((0, words, "left", "normal"), (1, fate, "right", "bold")):
+        look: Look = below | {"ha": side, "fontsize": "small", "fontweight": weight}
+        axes.annotate(text, (place, 0.0), (0.0, -2.0), **look)
 
 
 def _fate(recording: Recording, now: Moment, over: bool) -> str:
-    """What has become of the ego by then."""
     end = f"at {recording.time[-1]:.1f} s"
     if now.index == len(recording.time) - 1 and recording.accident:
         return f"{ACCIDENTS[recording.accident].replace('_', ' ')} {end}"
@@ -155,7 +133,6 @@ def _fate(recording: Recording, now: Moment, over: bool) -> str:
 
 
 def _traps(recording: Recording) -> style.Bools:
-    """Which vehicles are trap cars, [N]."""
     traps: style.Bools = (recording.role == 1) & recording.present
     return traps
 

@@ -24,17 +24,7 @@ COLUMNS = (0.0, 0.15, 0.42, 0.60, 0.79)
 """Where the figures above the road begin, as shares of the width."""
 
 PAPER, INK, FAINT, GREEN, ALARM = "#FFFFFF", "#1C1E21", "#6E7278", "#1A7A40", "#B0141E"
-COLOURS = (
-    *(
-        road_shapes.GRASS,
-        road_shapes.ASPHALT,
-        road_shapes.GOAL_LANE,
-        road_shapes.MARKING,
-        road_shapes.CHEVRON,
-        *road_shapes.BODIES,
-    ),
-    *(PAPER, INK, FAINT, GREEN, ALARM),
-)
+COLOURS = (*road_shapes.COLOURS, PAPER, INK, FAINT, GREEN, ALARM)
 """Every colour a frame holds but for the shades between them."""
 
 
@@ -62,13 +52,7 @@ class Camera:
 
 
 def frame(recording: Recording, t: float, size: tuple[int, int] = SIZE) -> Image.Image:
-    """The road around the ego at `t` seconds, with goal, speed and reward above it.
-
-    Args:
-        recording: the episode.
-        t: s.
-        size: width and height, pixels.
-    """
+    """The road around the ego at `t` seconds, with goal, speed and reward above it."""
     now = road_shapes.moment(recording, t)
     camera = Camera(recording, float(now.x[0]), size, SUPERSAMPLING)
     large = Image.new("RGB", (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING), road_shapes.GRASS)

@@ -1,6 +1,6 @@
 """The goals of an episode: which lane and speed were asked for, and what the ego made of them."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,23 +9,11 @@ from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import ACCIDENTS, Recording
 from lanewise.report import figure_style as style
 from lanewise.report import road_shapes
-from lanewise.report.figure_style import STYLES, Floats, Look
-from lanewise.system.extras import needed_for
-
-with needed_for("the goals figure"):
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
+from lanewise.report.figure_style import STYLES, Axes, Figure, Floats, Line2D, Look
 
 EGO, GOAL = STYLES[0], STYLES[1]
 OUT: Look = {"color": style.MUTED, "linewidth": 1.0, "linestyle": (0, (1, 2))}
-WRECK: Look = {
-    "marker": "X",
-    "markersize": 9.0,
-    "color": "black",
-    "linestyle": "",
-    "clip_on": False,
-}
+WRECK: Look = {"marker": "X", "markersize": 9.0, "color": "black", "ls": "", "clip_on": False}
 SET: Look = {"marker": "|", "markersize": 9.0, "markeredgewidth": 1.3, "color": GOAL.colour}
 REACHED: Look = {"marker": "o", "markersize": 6.0, "markerfacecolor": "white", "color": "#00664B"}
 TIMED_OUT: Look = {"marker": "x", "markersize": 6.5, "markeredgewidth": 1.7, "color": "#D55E00"}
@@ -34,32 +22,23 @@ TIMED_OUT: Look = {"marker": "x", "markersize": 6.5, "markeredgewidth": 1.7, "co
 Indices = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class Events:
-    """Frames of a recording at which something happened to a goal.
+class Events(NamedTuple):
+    """Frames of a recording at whose end a goal was set, found reached or given up.
 
-    A goal is reviewed, and the next one set, when a decision is taken: at the end of the frame
-    before the one in which the recording's counts and goal have changed.
+    That is the frame before the one in which the recording's counts and goal have changed.
     """
 
     set: Indices
-    """A goal was set."""
     reached: Indices
-    """A goal was found reached."""
     timed_out: Indices
-    """A goal was given up."""
 
 
 @style.look()
 def draw(recording: Recording) -> Figure:
-    """An episode's goals.
+    """An episode's goals: above, lane and place across the road; below, speed; each with the ego's.
 
-    Above, the goal's lane and the ego's place across the road; below, the goal's speed and the
-    ego's. A bar marks where a goal was set, a circle where one was reached, a cross where the time
-    limit ended one.
-
-    Args:
-        recording: of a controller with goals.
+    A bar marks where a goal was set, a circle where one was reached, a cross where the time limit
+    ended one.
 
     Raises:
         LanewiseError: if the controller has no goals, or the recording no decision.
@@ -89,15 +68,10 @@ def events(recording: Recording) -> Events:
     A goal set again unchanged, while the one before had not ended, leaves no trace.
     """
     ended, timed_out = np.diff(recording.goals_ended), np.diff(recording.goals_timed_out)
-    moved = np.diff(recording.goal_lane) != 0
-    moved |= np.diff(recording.goal_speed) != 0.0
+    moved = (np.diff(recording.goal_lane) != 0) | (np.diff(recording.goal_speed) != 0.0)
     fresh = moved | (ended > 0)
     fresh[0] = True
-    return Events(
-        np.flatnonzero(fresh),
-        np.flatnonzero(ended > timed_out),
-        np.flatnonzero(timed_out > 0),
-    )
+    return Events(*map(np.flatnonzero, (fresh, ended > timed_out, timed_out > 0)))
 
 
 def _lanes(axes: Axes, recording: Recording) -> None:
@@ -131,16 +105,13 @@ def _track(axes: Axes, recording: Recording, goal: Floats, ego: Floats, found: E
 
 
 def _key(recording: Recording, found: Events) -> list[Line2D]:
-    def mark(label: str, frames: Indices, marker: Look) -> Line2D:
-        return Line2D([], [], linestyle="", label=f"{label} ({len(frames)})", **marker)
-
     handles = [
         Line2D([], [], color=EGO.colour, linewidth=style.DRAWN, label="ego"),
         Line2D([], [], color=GOAL.colour, ls=GOAL.dashes, lw=style.DRAWN, label="goal"),
-        mark("goal set", found.set, SET),
-        mark("goal reached", found.reached, REACHED),
-        mark("goal timed out", found.timed_out, TIMED_OUT),
     ]
+    for event, frames, marker in zip(Events._fields, found, (SET, REACHED, TIMED_OUT), strict=True):
+        label = f"goal {event.replace('_', ' ')} ({len(frames)})"
+        handles.append(Line2D([], [], linestyle="", label=label, **marker))
     if recording.escaped.any():
         handles.append(Line2D([], [], label="out of the trap", **OUT))
     if recording.accident:

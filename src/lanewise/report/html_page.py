@@ -21,15 +21,9 @@ img { max-width: 100%; height: auto; } code { background: #f2f2f2; padding: 0 0.
 
 
 def render(markdown: str, title: str, folder: Path) -> str:
-    """The page.
+    """The page as HTML, with every picture below the folder as a data URI.
 
-    Args:
-        markdown: of the report; HTML in it is shown as text.
-        title: of the page.
-        folder: pictures are looked for below it; others are left out, with their text in place.
-
-    Returns:
-        HTML, with every picture as a data URI.
+    HTML in the Markdown is shown as text; of a picture elsewhere only the text is left.
     """
     reader = MarkdownIt("commonmark", {"html": False}).enable("table")
     tokens = reader.parse(markdown)

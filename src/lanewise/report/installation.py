@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, packages_distributions, requires, version
+from importlib.metadata import packages_distributions, requires
 from typing import Any
 
 from lanewise.report import provenance
@@ -47,7 +47,7 @@ def examine() -> Iterator[InstallationFinding]:
             name, versions, extra = match.groups()
             wanted.setdefault(extra or "", {})[name] = versions.strip()
     for extra, feature in FEATURES.items():
-        packages = {} if extra == "cuda13" else {name: _version(name) for name in wanted[extra]}
+        packages = {} if extra == "cuda13" else provenance.installed(wanted[extra])
         found = _gpu() if extra == "cuda13" else _status(extra, wanted[extra], packages)
         yield InstallationFinding(feature, found[0], packages, found[1])
 
@@ -76,13 +76,6 @@ def _gpu() -> tuple[str, str]:
     return MISSING, "no NVIDIA GPU here; all works on CPUs"
 
 
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return ""
-
-
 @cache
 def _owners() -> Mapping[str, list[str]]:
     """The installed packages that each module comes from."""
@@ -91,16 +84,15 @@ def _owners() -> Mapping[str, list[str]]:
 
 def _failure(distribution: str) -> str:
     """Why a package cannot be imported; empty if it can."""
-    wanted = distribution.replace("-", "_").lower()
     for module, owners in _owners().items():
         named = {owner.replace("-", "_").lower() for owner in owners}
-        if module.startswith("_") or wanted not in named:
+        if module.startswith("_") or distribution.replace("-", "_").lower() not in named:
             continue
         try:
             import_module(module)
         except Exception as error:  # whatever a broken package raises
             return (str(error).splitlines() or [type(error).__name__])[0][:100]
-        return ""
+        break
     return ""
 
 

@@ -37,22 +37,17 @@ def html(value: object) -> str:
 
 
 def finite(value: Any) -> Any:
-    """The same tree with NaN and infinity as null, and NumPy's numbers as Python's.
-
-    Raises:
-        TypeError: JSON does not know what something is.
-    """
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, dict):
-        return {finite(str(key)): finite(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(inner) for inner in value]
-    if isinstance(value, float):
-        return value if isfinite(value) else None
-    if value is None or isinstance(value, bool | int):
-        return value
-    if not isinstance(value, str):
-        raise TypeError(f"{type(value).__name__} is nothing that JSON knows")
-    # Half of a surrogate pair, such as stands for a byte in a file's name, is no text to others.
-    return value.encode("utf-8", "backslashreplace").decode()
+    """The same tree for JSON: NaN and infinity are null, NumPy's numbers Python's."""
+    match value:
+        case np.generic():
+            return finite(value.item())
+        case dict():
+            return {finite(str(key)): finite(inner) for key, inner in value.items()}
+        case list() | tuple():
+            return [finite(inner) for inner in value]
+        case float():
+            return value if isfinite(value) else None
+        case str():
+            # Half of a surrogate pair, which stands for a byte in a file's name, is no text.
+            return value.encode("utf-8", "backslashreplace").decode()
+    return value

@@ -18,16 +18,15 @@ def replacing(path: Path | str) -> Iterator[Path]:
     """Write beside, then rename: `path` is either the finished file or what it was before.
 
     Yields:
-        A path in the same folder to write to: hidden, this process's own, with the same suffix, by
-        which some packages tell the format, unless it is a long one.
+        A hidden path of this process in the same folder, with the same suffix, by which some
+        packages tell the format, unless that is a long one.
 
     Raises:
-        LanewiseError: if the file cannot be written (no room, no permission, a folder's name), or
-            belongs to a run.
+        LanewiseError: if the file cannot be written, or belongs to a run.
     """
     path = Path(path)
     require_outside(path)
-    # Not its whole name, which with anything more may be longer than a folder bears.
+    # Its whole name with anything more may be too long.
     name = f"{zlib.crc32(os.fsencode(path.name)):08x}.{os.getpid()}"
     beside = path.with_name(f".{name}{path.suffix if len(path.suffix) < 10 else ''}")
     try:
@@ -51,27 +50,21 @@ def check_writable(*paths: Path | str) -> None:
             be written to; or it belongs to a run, or is named twice.
     """
     places = [Path(path).absolute().parent.resolve() / Path(path).name for path in paths]
-    for path, place in zip(paths, places, strict=True):
+    for path, place in zip(map(Path, paths), places, strict=True):
         if places.count(place) > 1:
             raise LanewiseError(f"{path} is named for two results; give each its own file")
-        _check_writable(Path(path))
-
-
-def _check_writable(path: Path) -> None:
-    require_outside(path)
-    # Path's own function fails where a name is too long.
-    if os.path.isdir(path):
-        raise LanewiseError(f"cannot write {path}: a folder has that name")
-    try:
-        with suppress(FileNotFoundError):
-            path.lstat()  # fails where a name is too long
-        # Its folder may have to be made.
-        place = next(parent for parent in path.absolute().parents if parent.exists())
-        # Permissions alone do not tell: try.
-        with tempfile.TemporaryFile(dir=place):
-            pass
-    except OSError as error:
-        raise LanewiseError(f"cannot write {path}: {error.strerror}") from error
+        require_outside(path)
+        # Path's own function fails where a name is too long.
+        if os.path.isdir(path):
+            raise LanewiseError(f"cannot write {path}: a folder has that name")
+        try:
+            with suppress(FileNotFoundError):
+                path.lstat()  # fails where a name is too long
+            # Its folder may have to be made. Permissions alone do not tell: try.
+            folder = next(parent for parent in path.absolute().parents if parent.exists())
+            tempfile.TemporaryFile(dir=folder).close()
+        except OSError as error:
+            raise LanewiseError(f"cannot write {path}: {error.strerror}") from error
 
 
 def write_text(path: Path | str, text: str) -> None:

@@ -8,14 +8,7 @@ import numpy as np
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import Recording
 from lanewise.report import figure_style as style
-from lanewise.report.figure_style import Floats, Look, Style
-from lanewise.system.extras import needed_for
-
-with needed_for("the profiles"):
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
+from lanewise.report.figure_style import Artist, Axes, Figure, Floats, Line2D, Look, Style
 
 Arms = Mapping[str, Sequence[Recording]]
 """By a controller's title: recordings of the same length of test."""
@@ -44,21 +37,17 @@ class Profile:
     accumulated_reward: Floats
     """[E, T] the paper's sum, one reward a second; after an accident it stays, penalty included."""
     accidents: Sequence[tuple[float, float, float]]
-    """(s, the ego's speed, accumulated reward) at each accident within `time`."""
+    """(s, the ego's speed, accumulated reward) of each."""
 
 
 @style.look()
 def draw(arms: Arms, *, seconds: float = SECONDS) -> Figure:
-    """The arms' profiles.
+    """The arms' profiles, so many seconds at most.
 
     Curves are means over the episodes still under way; bands hold the middle 80 % of them. An
     accident is a cross: from then on its episode counts in the accumulated reward only, which
-    stays what it was, penalty included. The penalty itself is no instant reward of driving and
-    stands in the sum alone. A curve ends with the shortest recording that had no accident.
-
-    Args:
-        arms: recordings; controllers look the same in every figure.
-        seconds: how far to draw.
+    stays what it was, penalty included. The penalty itself is no instant reward of driving. A curve
+    ends with the shortest recording that had no accident.
 
     Raises:
         LanewiseError: if there is no arm, an arm without a recording, recordings of one arm with
@@ -87,11 +76,7 @@ def draw(arms: Arms, *, seconds: float = SECONDS) -> Figure:
 
 
 def profile(title: str, recordings: Sequence[Recording], seconds: float) -> Profile:
-    """An arm's recordings side by side, as far as the shortest without an accident goes.
-
-    Raises:
-        LanewiseError: if there is none, or their frames do not fall on the same times.
-    """
+    """An arm's recordings side by side, as far as the shortest without an accident goes."""
     if not recordings:
         raise LanewiseError(f"{title}: there is no recording to draw")
     whole = [recording for recording in recordings if not recording.accident]
@@ -107,12 +92,12 @@ def profile(title: str, recordings: Sequence[Recording], seconds: float) -> Prof
         for run in recordings
         if run.accident and run.time[-1] <= time[-1] + 1e-9
     ]
-    accumulated = [run.accumulated_reward for run in recordings]
+    count, sums = len(time), [run.accumulated_reward for run in recordings]
     return Profile(
         time,
-        np.stack([_padded(run.speed[:, 0], len(time), np.nan) for run in recordings]),
-        np.stack([_padded(_instant(run), len(time), np.nan) for run in recordings]),
-        np.stack([_padded(sums, len(time), float(sums[-1])) for sums in accumulated]),
+        np.stack([_padded(run.speed[:, 0], count, np.nan) for run in recordings]),
+        np.stack([_padded(_instant(run), count, np.nan) for run in recordings]),
+        np.stack([_padded(each, count, each[-1]) for each in sums]),
         accidents,
     )
 
@@ -127,8 +112,7 @@ def _instant(recording: Recording) -> Floats:
 
 
 def _padded(values: Floats, length: int, rest: float) -> Floats:
-    missing = np.full(max(length - len(values), 0), rest)
-    return np.concatenate([values[:length], missing])
+    return np.concatenate([values[:length], np.full(max(length - len(values), 0), rest)])
 
 
 def _arm(axes: Axes, one: Profile, name: str, own: Style) -> None:

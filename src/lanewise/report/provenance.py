@@ -1,7 +1,8 @@
 """Where a result comes from: code, versions and machine."""
 
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,16 @@ PACKAGES = ("lanewise", "jax", "jaxlib", "optax", "numpy", "gymnasium", "highway
 
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages a result depends on, as far as installed."""
-    found = {"python": platform.python_version()}
-    for name in PACKAGES:
-        try:
+    found = {name: number for name, number in installed(PACKAGES).items() if number}
+    return {"python": platform.python_version(), **found}
+
+
+def installed(packages: Iterable[str]) -> dict[str, str]:
+    """The version of each package; empty where it is not installed."""
+    found = dict.fromkeys(packages, "")
+    for name in found:
+        with suppress(PackageNotFoundError):
             found[name] = version(name)
-        except PackageNotFoundError:
-            continue
     return found
 
 
@@ -30,11 +35,7 @@ def commits(sources: Sequence[Mapping[str, Any]]) -> str:
 
 
 def trained_by(sources: Sequence[Mapping[str, Any]]) -> str:
-    """Which code trained some runs, and whether it trains alike, in a line; empty for no runs.
-
-    Args:
-        sources: what each run remembers of its code (`version.recorded`).
-    """
+    """A line on which code trained some runs (`version.recorded`), and whether it trains alike."""
     if not sources:
         return ""
     names = {source.get("training") for source in sources}
@@ -54,15 +55,14 @@ def machine() -> dict[str, Any]:
     return {
         "system": platform.system(),
         "architecture": platform.machine(),
-        "processor": _processor(),
+        "processor": _processor() or platform.processor(),
         "cores": len(process.usable_cores()),
     }
 
 
 def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor()
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return ""

@@ -19,6 +19,8 @@ BODIES = ("#D62828", "#F5C518", "#3A80CD")
 """By role: ego red, trap yellow, traffic blue."""
 WINDOWS = ("#751616", "#866C0D", "#1F4670")
 """Of the bodies above."""
+COLOURS = (GRASS, ASPHALT, GOAL_LANE, MARKING, CHEVRON, *BODIES)
+"""The largest areas."""
 
 DASH, DASH_PERIOD, LINE_WIDTH = 3.0, 9.0, 0.18
 """Lane markings, m."""
@@ -56,18 +58,11 @@ def moment(recording: Recording, t: float) -> Moment:
     step = time[following] - time[index]
     share = (t - time[index]) / step if step > 0.0 else 0.0
 
-    def between(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        mixed: NDArray[np.float64] = (1.0 - share) * values[index] + share * values[following]
-        return mixed
-
-    return Moment(
-        between(recording.x),
-        between(recording.y),
-        between(recording.heading),
-        float(between(recording.speed)[0]),
-        t,
-        index,
+    x, y, heading, speed = (
+        (1.0 - share) * values[index] + share * values[following]
+        for values in (recording.x, recording.y, recording.heading, recording.speed)
     )
+    return Moment(x, y, heading, float(speed[0]), t, index)
 
 
 def edges(recording: Recording) -> tuple[float, float]:
@@ -78,14 +73,7 @@ def edges(recording: Recording) -> tuple[float, float]:
 
 
 def shapes(recording: Recording, now: Moment, start: float, end: float) -> Iterator[Shape]:
-    """The road between two places along it, later shapes above earlier ones.
-
-    Args:
-        recording: the episode.
-        now: which moment of it.
-        start: first x shown, m; vehicles and markings may reach beyond it.
-        end: last x shown, m.
-    """
+    """The road from x = `start` to `end`, m, and a little beyond; later shapes above earlier."""
     left, right = edges(recording)
     yield _box(start, end, left - SHOULDER, right + SHOULDER, ASPHALT)
     lane = int(recording.goal_lane[now.index])

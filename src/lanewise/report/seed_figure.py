@@ -8,15 +8,8 @@ import numpy as np
 from lanewise.evaluation.metrics import METRICS, PUBLISHED, Metric
 from lanewise.report import figure_style as style
 from lanewise.report.experiment_tables import ArmFigures
-from lanewise.report.figure_style import Style
+from lanewise.report.figure_style import Artist, Axes, Figure, Line2D, Style
 from lanewise.report.tables import head, scale
-from lanewise.system.extras import needed_for
-
-with needed_for("the figure of all seeds"):
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
 
 SHOWN = ("escape_rate", "success_rate", "accumulated_reward")
 """Metrics, a panel each."""
@@ -32,12 +25,7 @@ SPREAD = 0.22
 
 @style.look()
 def draw(arms: Sequence[ArmFigures], world: str) -> Figure:
-    """The tests of every arm in a world.
-
-    Args:
-        arms: from above to below; those without a test in the world are left out.
-        world: its name.
-    """
+    """The tests of every arm in a world, from above to below, if it has any there."""
     tested = [arm for arm in arms if arm.tests.get(world)]
     metrics = [metric for name in SHOWN for metric in METRICS if metric.name == name]
     figure = Figure(figsize=(style.WIDTH, HEAD + ROW * len(tested)), layout="constrained")
@@ -51,9 +39,8 @@ def draw(arms: Sequence[ArmFigures], world: str) -> Figure:
             axes.set_xlim(-4.0, 104.0)
         axes.grid(color=style.GRID, linewidth=0.6)
         axes.set_axisbelow(True)
-    panels[0].set_yticks(
-        range(len(tested)), [fill(style.plain(arm.title), LETTERS) for arm in tested]
-    )
+    titles = [fill(style.plain(arm.title), LETTERS) for arm in tested]
+    panels[0].set_yticks(range(len(tested)), titles)
     panels[0].set_ylim(len(tested) - 0.5, -0.5)
     style.legend(figure, _key(tested))
     return figure

@@ -111,7 +111,7 @@ def _panel(
     values: dict[str, list[float]],
     shown: tuple[str, ScalarMappable],
 ) -> None:
-    """One panel: a coloured field with its number for each pair of values."""
+    """A coloured field with its number for each pair of values."""
     across, down = values[view.x], values[view.y]
     for (x, y), own in fold(cells, view.x, view.y).items():
         _field(axes, (across.index(x), down.index(y)), own, shown)
@@ -124,7 +124,6 @@ def _panel(
 def _field(
     axes: Axes, place: tuple[int, int], cells: Sequence[Cell], shown: tuple[str, ScalarMappable]
 ) -> None:
-    """One field of a panel."""
     rate, scale = shown
     share = pool(cells, "winnable")
     lost = len(cells) - share.starts
@@ -138,13 +137,8 @@ def _field(
     if lost:
         # All of a lost field is hatched, of others a corner that leaves room for their numbers.
         size, right, top = CORNER if share.starts else 2.0, x + 0.5, y + 0.5
-        corner = Polygon(
-            [(right, top), (right - size, top), (right, top - size)],
-            fill=False,
-            edgecolor=ink,
-            linewidth=0.0,
-            hatch=HATCH,
-        )
+        corners = [(right, top), (right - size, top), (right, top - size)]
+        corner = Polygon(corners, fill=False, edgecolor=ink, linewidth=0.0, hatch=HATCH)
         axes.add_patch(corner)
         corner.set_clip_path(field)
     if share.starts:

@@ -41,9 +41,7 @@ class SweepResult:
     """A controller over a grid."""
 
     controller: str
-    """Its name."""
     training_seed: int
-    """Of its run."""
     trained_by: Mapping[str, Any]
     """The code its run was made with (`version.source`)."""
     settings: Mapping[str, Any]
@@ -56,23 +54,19 @@ class SweepResult:
     clearance: float
     """m."""
     command: str
-    """The command that made it."""
     cells: Sequence[Cell]
     """All starts, in the grid's order."""
 
 
 def write_sweep(directory: Path | str, sweep: SweepResult) -> Path:
-    """Write `map.json`, the maps as PNG and SVG, and `map.md`.
-
-    Returns:
-        The path of `map.md`, written last: where it is, the rest is complete.
-
-    Raises:
-        LanewiseError: if a file cannot be written.
-    """
+    """Write `map.json`, the maps as PNG and SVG, and last `map.md`, whose path is returned."""
     directory = Path(directory)
     document = to_json(sweep)
-    write_text(directory / "map.json", _dump(document))
+    # A line for each start.
+    rows = [json.dumps(finite(row), allow_nan=False) for row in document["starts"]]
+    head = json.dumps(finite({**document, "starts": []}), indent=2, allow_nan=False)
+    starts = '"starts": [\n    ' + ",\n    ".join(rows) + "\n  ]"
+    write_text(directory / "map.json", head.replace('"starts": []', starts) + "\n")
     captions = {}
     for name, (axes, caption) in MAPS.items():
         sizes = (len(getattr(sweep.grid, axis)) for axis in (axes.x, axes.y))
@@ -104,13 +98,6 @@ def to_json(sweep: SweepResult) -> dict[str, Any]:
         "columns": list(COLUMNS),
         "starts": [[*c.point, *astuple(c.reach), *astuple(c.outcome)] for c in sweep.cells],
     }
-
-
-def _dump(document: Mapping[str, Any]) -> str:
-    """JSON with a line for each start."""
-    rows = [json.dumps(finite(row), allow_nan=False) for row in document["starts"]]
-    head = json.dumps(finite({**document, "starts": []}), indent=2, allow_nan=False)
-    return head.replace('"starts": []', '"starts": [\n    ' + ",\n    ".join(rows) + "\n  ]") + "\n"
 
 
 def totals(cells: Sequence[Cell]) -> str:

@@ -29,8 +29,7 @@ def markdown(heads: Row, rows: Sequence[Row], *, texts: int = 1) -> str:
 def text(heads: Sequence[Row], rows: Sequence[Row]) -> str:
     """A table for a terminal: the first column aligns left, a rule stands below the heads.
 
-    A line break in a cell puts what follows below it. Columns move closer where the table would be
-    wider than 80 columns.
+    A line break in a cell puts what follows below it. Columns move closer to fit into 80.
     """
     split = [zip_longest(*(cell.split("\n") for cell in row), fillvalue="") for row in rows]
     lines = [*heads, *(below for row in split for below in row)]
@@ -46,9 +45,8 @@ def text(heads: Sequence[Row], rows: Sequence[Row]) -> str:
 
 def listing(values: Mapping[str, Any]) -> str:
     """Names and values as a Markdown table."""
-    return markdown(
-        ("", ""), [(cell(name), code(value)) for name, value in values.items()], texts=2
-    )
+    rows = [(cell(name), code(value)) for name, value in values.items()]
+    return markdown(("", ""), rows, texts=2)
 
 
 def meanings() -> str:
@@ -57,11 +55,7 @@ def meanings() -> str:
 
 
 def left_out(why: Mapping[str, str]) -> list[str]:
-    """Lines that say why no published figures stand beside some tests; empty if none is missing.
-
-    Args:
-        why: the reason, by the title of the test.
-    """
+    """Lines that say why no published figures stand beside some tests, by their titles."""
     names: dict[str, list[str]] = {}
     for name, reason in why.items():
         names.setdefault(line(reason), []).append(line(name))
@@ -123,10 +117,7 @@ def chance(found: Estimate, gap: str = " ") -> str:
 
 
 def spread(values: Sequence[float], places: int) -> str:
-    """Mean over seeds, the lowest and the highest in parentheses.
-
-    A dash if there is no seed, or if one seed's value is unknown.
-    """
+    """Mean over seeds, the extremes in parentheses; a dash for no seed or an unknown value."""
     if not len(values) or not all(map(isfinite, values)):
         return UNKNOWN
     mean = f"{sum(values) / len(values):.{places}f}"

@@ -9,15 +9,8 @@ from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
 from lanewise.report import figure_style as style
-from lanewise.report.figure_style import Floats, Look, Style
+from lanewise.report.figure_style import Artist, Axes, Figure, Floats, Line2D, Look, Style
 from lanewise.runs.metrics_file import settled_at
-from lanewise.system.extras import needed_for
-
-with needed_for("the training figure"):
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
 
 Rows = Sequence[Mapping[str, Any]]
 Arms = Mapping[str, Sequence[Rows]]
@@ -43,17 +36,12 @@ SETTLED = "epsilon at its final value"
 
 @style.look()
 def draw(arms: Arms, *, settled: Mapping[str, float] | None = None) -> Figure:
-    """The arms' training.
-
-    Each curve is the mean over an arm's seeds of their running means over the last `WINDOW`
-    episodes, of fewer at the start; the band runs from the lowest to the highest seed. An arm ends
-    where its shortest seed ends.
+    """The arms' training: means over seeds of running means, bands from lowest to highest seed.
 
     Args:
-        arms: rows with `escaped`, `success`, `reward` and `speed`; null is a gap. Arms named like
-            a controller look the same in every figure.
-        settled: by title, the episode at which epsilon came to its final value; marked on the
-            curve where the curve reaches so far.
+        arms: rows with `escaped`, `success`, `reward` and `speed`; null is a gap. An arm ends where
+            its shortest seed ends.
+        settled: by title, the episode at which epsilon came to its final value, which is marked.
 
     Raises:
         LanewiseError: if there is no arm, an arm without an episode, or too many arms.
@@ -83,14 +71,9 @@ def draw(arms: Arms, *, settled: Mapping[str, float] | None = None) -> Figure:
 
 @style.look()
 def draw_stages(rows: Rows) -> Figure:
-    """Every stage of a run, one line each.
+    """Every stage of a run: its metrics rows, pale, and their running mean over 5 % of the stage.
 
-    Thin and pale: the rows as recorded. Thick: their running mean over the last 5 % of the stage.
     A vertical mark shows where exploration has come down to its final epsilon.
-
-    Args:
-        rows: metrics rows with `stage`, `decisions`, `escape_rate`, `success_rate`, `reward`,
-            `speed` and `epsilon`; null is a gap.
 
     Raises:
         LanewiseError: if there is no row.
@@ -129,11 +112,9 @@ def running_mean(values: Floats, window: int) -> Floats:
     known = ~np.isnan(values)
     sums = np.concatenate([[0.0], np.cumsum(np.where(known, values, 0.0))])
     counts = np.concatenate([[0], np.cumsum(known)])
-    ends = np.arange(1, len(values) + 1)
-    starts = np.maximum(ends - window, 0)
-    number = counts[ends] - counts[starts]
-    total = sums[ends] - sums[starts]
-    return np.where(number > 0, total / np.maximum(number, 1), nan)
+    starts = np.maximum(np.arange(1, len(values) + 1) - window, 0)
+    number = counts[1:] - counts[starts]
+    return np.where(number > 0, (sums[1:] - sums[starts]) / np.maximum(number, 1), nan)
 
 
 def drawn_places(length: int) -> NDArray[np.int64]:
@@ -171,11 +152,5 @@ def _arm(axes: Axes, seeds: Sequence[Floats], own: Style, settled: float | None)
 
 
 def _mark(own: Style) -> Look:
-    return {
-        "marker": own.marker,
-        "markersize": 6.5,
-        "markerfacecolor": "white",
-        "markeredgecolor": own.colour,
-        "markeredgewidth": 1.4,
-        "linestyle": "",
-    }
+    look: Look = {"marker": own.marker, "markersize": 6.5, "markerfacecolor": "white"}
+    return {**look, "markeredgecolor": own.colour, "markeredgewidth": 1.4, "linestyle": ""}
