@@ -1,7 +1,7 @@
 """Leaves the commit in a built package, so that its results can say which code made them."""
 
 import json
-import runpy
+import runpy  # noqa: TID251, our own file
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any

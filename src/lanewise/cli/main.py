@@ -9,7 +9,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from importlib import import_module
+from importlib import import_module  # noqa: TID251, names from COMMANDS
 from typing import Any, TextIO
 
 from lanewise.cli import command_line

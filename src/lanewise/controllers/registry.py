@@ -4,7 +4,7 @@ Imports no JAX: a controller's own module is imported when the controller is mad
 """
 
 from dataclasses import dataclass
-from importlib import import_module
+from importlib import import_module  # noqa: TID251, names from the registry
 from typing import Any
 
 

@@ -57,7 +57,7 @@ def save(path: Path, recordings: Sequence[Recording]) -> None:
 
 def read(path: Path) -> list[Recording]:
     """The recordings of a file, numbers as exact as they were kept."""
-    with np.load(path, allow_pickle=False) as found:
+    with np.load(path, allow_pickle=False) as found:  # noqa: TID251, arrays alone
         count = 1 + max(int(name.partition("/")[0]) for name in found.files)
         return [_recording(found, number) for number in range(count)]
 

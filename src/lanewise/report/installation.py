@@ -5,7 +5,7 @@ import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib import import_module
+from importlib import import_module  # noqa: TID251, names from Lanewise's metadata
 from importlib.metadata import packages_distributions, requires
 from typing import Any
 
