@@ -180,12 +180,9 @@ def test_all_drive_the_scenario_of_one(runs, capsys):
 @pytest.mark.parametrize(
     ("words", "hint"),
     [
-        (
-            ["s0", "fast"],
-            "not tested alike: scenario.trap_speed is 10.0, not 10.9\n  --scenario-of",
-        ),
-        (["s0", "penalised"], "driving.reward.accident_penalty is 10.0, not 5.0\n"),
-        (["s0", "penalised", "--scenario-of", "s0"], "accident_penalty is 10.0, not 5.0\n"),
+        (["s0", "fast"], "not tested alike: scenario.trap_speed is 10.0, not 10.9"),
+        (["s0", "penalised"], "driving.reward.accident_penalty is 10.0, not 5.0"),
+        (["s0", "penalised", "--scenario-of", "s0"], "accident_penalty is 10.0, not 5.0"),
         (["s0"], "a comparison needs at least two runs, got 1"),
         (["s0", "s1", "s0"], "s0 and s0 are the same run twice: single-level, the same settings"),
         (["s0", "s1", "--markdown", "c.md", "--csv", "./c.md"], "c.md is named for two results;"),
@@ -197,7 +194,9 @@ def test_refusals(runs, capsys, words, hint):
     (runs / "begun").mkdir(exist_ok=True)
     for name in ("run.json", "settings.toml"):
         shutil.copy(runs / "s1" / name, runs / "begun")
-    assert hint in refused(capsys, *words)
+    said = refused(capsys, *words)
+    assert hint in said
+    assert ("--scenario-of RUN" in said) == ("fast" in words)
     assert not (runs / "c.md").exists()
 
 
