@@ -3,8 +3,8 @@
 It speaks of version 1.12.1 and of straight roads. What may be read is in `known`.
 """
 
+import operator
 from collections.abc import Callable, Iterable
-from dataclasses import fields
 from types import SimpleNamespace
 from typing import Any
 
@@ -22,19 +22,20 @@ from lanewise.interop import known
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, Road, Vehicles, World
 
 ORIGIN, DESTINATION = "0", "1"
-_PARAMETERS: dict[str, Callable[[Any], float]] = {
-    "comfort_acceleration": lambda v: v.COMFORT_ACC_MAX,
-    "comfort_deceleration": lambda v: -v.COMFORT_ACC_MIN,
-    "jam_distance": lambda v: v.DISTANCE_WANTED,
-    "time_gap": lambda v: v.TIME_WANTED,
-    "exponent": lambda v: v.DELTA,
-    "politeness": lambda v: v.POLITENESS,
-    "minimum_gain": lambda v: v.LANE_CHANGE_MIN_ACC_GAIN,
-    "imposed_braking": lambda v: v.LANE_CHANGE_MAX_BRAKING_IMPOSED,
-    "change_delay": lambda v: v.LANE_CHANGE_DELAY,
-    "acceleration_limit": lambda v: v.ACC_MAX,
-    "slip_limit": lambda v: _slip_sine(v.MAX_STEERING_ANGLE),
+_PARAMETERS = {
+    "comfort_acceleration": "COMFORT_ACC_MAX",
+    "comfort_deceleration": "COMFORT_ACC_MIN",
+    "jam_distance": "DISTANCE_WANTED",
+    "time_gap": "TIME_WANTED",
+    "exponent": "DELTA",
+    "politeness": "POLITENESS",
+    "minimum_gain": "LANE_CHANGE_MIN_ACC_GAIN",
+    "imposed_braking": "LANE_CHANGE_MAX_BRAKING_IMPOSED",
+    "change_delay": "LANE_CHANGE_DELAY",
+    "acceleration_limit": "ACC_MAX",
+    "slip_limit": "MAX_STEERING_ANGLE",
 }
+"""Our name of each parameter, and highway-env's."""
 
 
 def _slip_sine(steering: float) -> float:
@@ -46,6 +47,13 @@ def _slip_sine(steering: float) -> float:
 def _steering(slip_sine: float) -> float:
     """The steering angle of a slip angle's sine, rad."""
     return float(np.arctan(2 * slip_sine / np.sqrt(1 - slip_sine**2)))
+
+
+_CONVERTED: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = {
+    "comfort_deceleration": (operator.neg, operator.neg),
+    "slip_limit": (_slip_sine, _steering),
+}
+"""Functions that read and set a parameter which is not the same number in both."""
 
 
 def _floats(values: Iterable[Any]) -> Any:
@@ -70,14 +78,17 @@ def _read_road(lanes: list[Any]) -> Road:
 
 
 def _read_drivers(vehicles: list[Any], controlled: list[Any]) -> Drivers:
-    kinds = []
-    for vehicle in vehicles:
+    def kind(vehicle: Any) -> int:
         if isinstance(vehicle, IDMVehicle):
-            kinds.append(RULE_BASED)
-        else:
-            kinds.append(EXTERNAL if any(vehicle is c for c in controlled) else CONSTANT)
+            return RULE_BASED
+        return EXTERNAL if any(vehicle is each for each in controlled) else CONSTANT
+
+    kinds = [kind(vehicle) for vehicle in vehicles]
     rule_based = [v if isinstance(v, IDMVehicle) else IDMVehicle for v in vehicles]
-    parameters = {name: _floats(read(v) for v in rule_based) for name, read in _PARAMETERS.items()}
+    parameters = {}
+    for name, theirs in _PARAMETERS.items():
+        read, _ = _CONVERTED.get(name, (float, float))
+        parameters[name] = _floats(read(getattr(v, theirs)) for v in rule_based)
     return Drivers(
         kind=np.array(kinds, np.int32),  # type: ignore[arg-type]
         target_speed=_floats(getattr(v, "target_speed", 0) for v in vehicles),
@@ -110,17 +121,16 @@ def _read_vehicles(vehicles: list[Any]) -> Vehicles:
 
 
 def read_world(env: Any) -> World:
-    """Read the state of a live highway-env environment.
+    """Read the state of a live highway-env environment: one world in float64 NumPy arrays.
+
+    It has as many vehicles and lanes as there are. Parameters are read from each vehicle, so that
+    randomised ones are its own.
 
     Args:
         env: an environment with one straight road along x, whose vehicles are plain `Vehicle`s
             and `IDMVehicle`s. Plain vehicles that the environment's actions drive become EXTERNAL,
             others CONSTANT. Its action type is "DiscreteAction" or "ContinuousAction", or
             "MultiAgentAction" of one of these.
-
-    Returns:
-        One world in float64 NumPy arrays, with as many vehicles and lanes as there are; parameters
-        are read from each vehicle, so that randomised ones are its own.
 
     Raises:
         SettingsError: the environment holds something that is not known to be represented.
@@ -137,10 +147,8 @@ def read_world(env: Any) -> World:
 
 def _row(part: Any, index: int) -> SimpleNamespace:
     """One vehicle's or lane's values as plain Python numbers."""
-    names = (field.name for field in fields(part))
-    return SimpleNamespace(
-        **{name: np.asarray(getattr(part, name))[index].item() for name in names}
-    )
+    values = {name: np.asarray(values)[index].item() for name, values in vars(part).items()}
+    return SimpleNamespace(**values)
 
 
 def _present(part: Any) -> list[int]:
@@ -175,17 +183,9 @@ def _build_vehicle(road: Any, state: SimpleNamespace, driver: SimpleNamespace) -
         if not 0 <= driver.slip_limit < 1:
             raise SettingsError(f"a slip_limit of {driver.slip_limit} is no sine below 1")
         vehicle = IDMVehicle(*place)
-        vehicle.COMFORT_ACC_MIN = -driver.comfort_deceleration
-        vehicle.COMFORT_ACC_MAX = driver.comfort_acceleration
-        vehicle.DISTANCE_WANTED = driver.jam_distance
-        vehicle.TIME_WANTED = driver.time_gap
-        vehicle.DELTA = driver.exponent
-        vehicle.POLITENESS = driver.politeness
-        vehicle.LANE_CHANGE_MIN_ACC_GAIN = driver.minimum_gain
-        vehicle.LANE_CHANGE_MAX_BRAKING_IMPOSED = driver.imposed_braking
-        vehicle.LANE_CHANGE_DELAY = driver.change_delay
-        vehicle.ACC_MAX = driver.acceleration_limit
-        vehicle.MAX_STEERING_ANGLE = _steering(driver.slip_limit)
+        for name, theirs in _PARAMETERS.items():
+            _, setting = _CONVERTED.get(name, (float, float))
+            setattr(vehicle, theirs, setting(getattr(driver, name)))
         # The constructor replaces zeros by defaults, so zeros must be set afterwards.
         vehicle.target_speed = driver.target_speed
         vehicle.timer = state.timer
@@ -200,24 +200,8 @@ def _build_vehicle(road: Any, state: SimpleNamespace, driver: SimpleNamespace) -
     vehicle.check_collisions = driver.checks_collisions
     vehicle.crashed = state.crashed
     vehicle.impact = np.array([state.impact_x, state.impact_y]) if state.impacted else None
-    vehicle.action = {
-        "steering": _steering(state.slip_sine),
-        "acceleration": state.acceleration,
-    }
+    vehicle.action = {"steering": _steering(state.slip_sine), "acceleration": state.acceleration}
     return vehicle
-
-
-def _discrete_action(acceleration: float, steering: float) -> dict[str, Any]:
-    return {
-        "type": "DiscreteAction",
-        "acceleration_range": (-acceleration, acceleration),
-        "steering_range": (-steering, steering),
-        "actions_per_axis": 3,
-    }
-
-
-def _of_each(action: dict[str, Any]) -> dict[str, Any]:
-    return {"type": "MultiAgentAction", "action_config": action}
 
 
 def _kinematics(lanes: int, lane_width: float) -> dict[str, Any]:
@@ -284,7 +268,13 @@ def build_env(
     driving = DrivingSettings(simulation_frequency, decision_frequency)
     network = _build_network(world.road)
     lanes = len(_present(world.road))
-    action = _discrete_action(acceleration, steering)
+    action = {
+        "type": "DiscreteAction",
+        "acceleration_range": (-acceleration, acceleration),
+        "steering_range": (-steering, steering),
+        "actions_per_axis": 3,
+    }
+    several = {"type": "MultiAgentAction", "action_config": action}
     config = {
         "lanes_count": lanes,
         "vehicles_count": 0,
@@ -293,7 +283,7 @@ def build_env(
         # On highway-env's clock, which counts 1 / `decision_frequency` for every decision however
         # long it lasts; half a decision early, as it is a sum of rounded numbers.
         "duration": (driving.decisions_in(duration) - 0.5) / decision_frequency,
-        "action": action if len(driven) < 2 else _of_each(action),
+        "action": action if len(driven) < 2 else several,
         "observation": _kinematics(lanes, float(np.asarray(world.road.width)[0])),
         "offscreen_rendering": True,
     }
@@ -313,16 +303,10 @@ def build_env(
 
 
 def command_table(env: Any) -> Any:
-    """The commands that the nine discrete actions of a driven vehicle stand for.
+    """What the nine discrete actions of a driven vehicle stand for, [9, 2]: m/s^2 and rad.
 
     highway-env computes them in float32 (`float32-actions`), so that a steering of pi / 50 is not
     exactly that; comparisons in float64 must use these values.
-
-    Args:
-        env: an environment with a DiscreteAction of three values an axis, or one of each vehicle.
-
-    Returns:
-        float64 NumPy array [9, 2]: acceleration, m/s^2, and steering, rad.
     """
     kind = env.unwrapped.action_type
     kind = getattr(kind, "agents_action_types", [kind])[0]

@@ -5,7 +5,7 @@ or an object of it, changes of highway-env's own class must be one of the number
 """
 
 from collections.abc import Iterable
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from highway_env.envs.common.abstract import AbstractEnv
@@ -71,8 +71,9 @@ _STATE = {
 """What constructors set, and what drivers ask of others; a class must leave it to its objects."""
 
 
-def _refuse(what: str, do: str) -> NoReturn:
-    raise SettingsError(f"{what} cannot be read; {do}")
+def _require(holds: Any, what: str, do: str = "") -> None:
+    if not holds:
+        raise SettingsError(f"{what} cannot be read" + (f"; {do}" if do else ""))
 
 
 def _same(value: Any, original: Any) -> bool:
@@ -80,8 +81,8 @@ def _same(value: Any, original: Any) -> bool:
     return value is original or (numbers and value == original)
 
 
-def _changes(thing: Any, original: type, read: frozenset[str] = frozenset()) -> list[str]:
-    """What an object and its class change of highway-env's own class, by name."""
+def _check_unchanged(thing: Any, original: type, read: frozenset[str] = frozenset()) -> None:
+    """Refuse what an object and its class change of highway-env's own class, by name."""
     usual, state = _ORIGINAL[original], _STATE.get(original, frozenset())
 
     def is_free(name: str, value: Any) -> bool:
@@ -98,16 +99,9 @@ def _changes(thing: Any, original: type, read: frozenset[str] = frozenset()) -> 
         for name, value in vars(thing).items()
         if name in usual and name not in state and not is_free(name, value)
     ]
-    return list(dict.fromkeys(of_class + of_object))
-
-
-def _check_unchanged(thing: Any, original: type, read: frozenset[str] = frozenset()) -> None:
-    changed = _changes(thing, original, read)
-    if changed:
-        _refuse(
-            f"a {type(thing).__name__} with its own {', '.join(changed)}",
-            f"use highway-env's {original.__name__}",
-        )
+    changed = ", ".join(dict.fromkeys(of_class + of_object))
+    what = f"a {type(thing).__name__} with its own {changed}"
+    _require(not changed, what, f"use highway-env's {original.__name__}")
 
 
 def check(env: Any) -> None:
@@ -128,15 +122,7 @@ def check(env: Any) -> None:
 
 
 def check_rates(simulation_frequency: float, decision_frequency: float) -> None:
-    """Refuse rates under which no tick is simulated.
-
-    Args:
-        simulation_frequency: ticks a second, Hz.
-        decision_frequency: decisions a second, Hz.
-
-    Raises:
-        SettingsError: a decision would last 0 ticks.
-    """
+    """Refuse rates, Hz, under which no tick is simulated."""
     rates = (simulation_frequency, decision_frequency)
     if not all(np.isfinite(rate) and rate > 0 for rate in rates) or rates[0] < rates[1]:
         raise SettingsError(
@@ -146,11 +132,12 @@ def check_rates(simulation_frequency: float, decision_frequency: float) -> None:
 
 
 def _check_env(env: Any) -> None:
-    if not isinstance(env, AbstractEnv):
-        _refuse(f"a {type(env).__name__}", "use an environment of highway-env")
+    kind = f"a {type(env).__name__}"
+    _require(isinstance(env, AbstractEnv), kind, "use an environment of highway-env")
     for name in ("step", "_simulate"):
-        if _defined(type(env)).get(name) is not _ORIGINAL[AbstractEnv][name] or name in vars(env):
-            _refuse(f"a {type(env).__name__} with its own {name}", "use HighwayEnv's")
+        usual = _defined(type(env)).get(name) is _ORIGINAL[AbstractEnv][name]
+        own = f"{kind} with its own {name}"
+        _require(usual and name not in vars(env), own, "use HighwayEnv's")
     check_rates(env.config["simulation_frequency"], env.config["policy_frequency"])
 
 
@@ -159,10 +146,9 @@ def _check_road(road: Any) -> None:
     _check_unchanged(road.network, RoadNetwork)
     for lane in lanes(road.network):
         _check_lane(lane)
-    if road.objects:
-        raise SettingsError("there are obstacles or landmarks on the road; they cannot be read")
-    if road.neighbour_vehicles_connected_lanes:
-        raise SettingsError("neighbour_vehicles_connected_lanes is on; it cannot be read")
+    _require(not road.objects, "a road with obstacles or landmarks")
+    connected = road.neighbour_vehicles_connected_lanes
+    _require(not connected, "a road with neighbour_vehicles_connected_lanes")
 
 
 def lanes(network: Any) -> list[Any]:
@@ -172,10 +158,9 @@ def lanes(network: Any) -> list[Any]:
         SettingsError: there are more roads, or more lanes than a world can have.
     """
     roads = [lanes for ends in network.graph.values() for lanes in ends.values()]
-    if len(roads) != 1:
-        raise SettingsError(f"the road network has {len(roads)} roads; only one can be read")
-    if len(roads[0]) > MOST_LANES:
-        raise SettingsError(f"the road has {len(roads[0])} lanes; at most {MOST_LANES} can be read")
+    _require(len(roads) == 1, f"a network of {len(roads)} roads", "use one straight road")
+    count = len(roads[0])
+    _require(count <= MOST_LANES, f"a road of {count} lanes", f"use at most {MOST_LANES}")
     return list(roads[0])
 
 
@@ -190,13 +175,11 @@ def _check_lane(lane: Any) -> None:
         and np.array_equal(lane.direction, [1, 0])
         and np.array_equal(lane.direction_lateral, [0, 1])
     )
-    if not straight:
-        raise SettingsError("a lane is not straight along x; only such lanes can be read")
-    limit = np.inf if lane.speed_limit is None else lane.speed_limit
-    if not (lane.width > 0 and np.isfinite([*lane.start, along, lane.width]).all()):
-        raise SettingsError("a lane's place or width is no finite number; it cannot be read")
-    if np.isnan(limit):
-        raise SettingsError("a lane's speed_limit is no number; use None for a lane without one")
+    _require(straight, "a lane that is not straight along x")
+    finite = np.isfinite([*lane.start, along, lane.width]).all()
+    _require(lane.width > 0 and finite, "a lane whose place or width is no finite number")
+    limit = 0 if lane.speed_limit is None else lane.speed_limit
+    _require(not np.isnan(limit), "a lane whose speed_limit is no number", "use None without one")
 
 
 def heeds_nothing(action: Any) -> None:
@@ -215,58 +198,60 @@ def _check_actions(env: Any) -> None:
     if type(env.action_type) is MultiAgentAction:
         _check_unchanged(env.action_type, MultiAgentAction)
     for kind in _acting(env):
-        name = type(kind).__name__
-        if type(kind) not in (DiscreteAction, ContinuousAction):
-            _refuse(
-                f'the action type "{name}"',
-                'make the environment with config={"action": {"type": "DiscreteAction"}}, '
-                'or "ContinuousAction"',
-            )
+        _require(
+            type(kind) in (DiscreteAction, ContinuousAction),
+            f'the action type "{type(kind).__name__}"',
+            'make the environment with config={"action": {"type": "DiscreteAction"}}, '
+            'or "ContinuousAction"',
+        )
         _check_unchanged(kind, type(kind))
-        usual = (Vehicle.MIN_SPEED, Vehicle.MAX_SPEED)
-        if kind.speed_range and tuple(kind.speed_range) != usual:
-            _refuse(f"the speed_range {tuple(kind.speed_range)} of the action", f"leave {usual}")
+        usual, given = (Vehicle.MIN_SPEED, Vehicle.MAX_SPEED), kind.speed_range
+        same = not given or tuple(given) == usual
+        _require(same, f"the speed_range {given} of the action", f"leave {usual}")
 
 
 def _check_controlled(env: Any) -> None:
+    controlled = env.controlled_vehicles
     places = {id(vehicle): place for place, vehicle in enumerate(env.road.vehicles)}
-    if len(places) < len(env.road.vehicles):
-        raise SettingsError("a vehicle is twice on the road; it cannot be read")
-    if not all(id(vehicle) in places for vehicle in env.controlled_vehicles):
-        raise SettingsError("a controlled vehicle is not on the road; it cannot be read")
-    order = [places[id(vehicle)] for vehicle in env.controlled_vehicles]
-    if order != sorted(set(order)):
-        raise SettingsError("controlled vehicles are in another order than on the road")
-    acting = _acting(env)
-    driven = [places.get(id(kind.controlled_vehicle)) for kind in acting]
-    if acting and driven != order:
-        raise SettingsError(
-            f"the actions drive {len(driven)} of {len(order)} controlled vehicles; use the action "
-            'type "MultiAgentAction" and reset the environment'
-        )
-    if acting and any(isinstance(vehicle, IDMVehicle) for vehicle in env.controlled_vehicles):
-        raise SettingsError("a controlled IDMVehicle decides twice in a tick; it cannot be read")
+    _require(len(places) == len(env.road.vehicles), "a vehicle that is twice on the road")
+    on_road = all(id(vehicle) in places for vehicle in controlled)
+    _require(on_road, "a controlled vehicle that is not on the road")
+    order = [places[id(vehicle)] for vehicle in controlled]
+    ordered = order == sorted(set(order))
+    _require(ordered, "controlled vehicles that are in another order than on the road")
+    driven = [places.get(id(kind.controlled_vehicle)) for kind in _acting(env)]
+    if not driven:
+        return
+    _require(
+        driven == order,
+        f"an environment whose actions drive {len(driven)} of {len(order)} controlled vehicles",
+        'use the action type "MultiAgentAction" and reset the environment',
+    )
+    by_rules = any(isinstance(vehicle, IDMVehicle) for vehicle in controlled)
+    _require(not by_rules, "a controlled IDMVehicle, which decides twice in a tick,")
 
 
 def _check_vehicle(vehicle: Any, road: Any) -> None:
-    kind, rule_based = type(vehicle).__name__, isinstance(vehicle, IDMVehicle)
+    kind, rule_based = f"a {type(vehicle).__name__}", isinstance(vehicle, IDMVehicle)
     plain = isinstance(vehicle, Vehicle) and not isinstance(vehicle, ControlledVehicle)
-    if not (plain or rule_based):
-        _refuse(f"a {kind}", "use Vehicle or IDMVehicle")
+    _require(plain or rule_based, kind, "use Vehicle or IDMVehicle")
     original, read = (IDMVehicle, SIZES | DRIVING) if rule_based else (Vehicle, SIZES)
     _check_unchanged(vehicle, original, read)
     _check_numbers(vehicle, [*read, *NUMBERS])
-    _check_place(vehicle, road)
+    _require(vehicle.road is road, f"{kind} of another road")
+    place = road.network.get_closest_lane_index(vehicle.position, vehicle.heading)
+    there = vehicle.lane_index == place and vehicle.lane is road.network.get_lane(place)
+    what = f"{kind} whose lane_index is not that of its position"
+    _require(there, what, "call its on_state_update()")
     for name in ("collidable", "solid"):
-        if not getattr(vehicle, name):
-            _refuse(f"a {kind} whose {name} is off", "leave it on")
-    if not np.isclose(vehicle.diagonal, np.hypot(vehicle.LENGTH, vehicle.WIDTH), rtol=1e-12):
-        _refuse(f"a {kind} whose diagonal is not of its LENGTH and WIDTH", "set all three")
-    unlimited = any(lane.speed_limit is None for lane in lanes(road.network))
-    if unlimited and getattr(vehicle, "target_speed", 0) < 0:
-        _refuse(f"a {kind} with a negative target_speed where a lane has no speed_limit", "set one")
+        _require(getattr(vehicle, name), f"{kind} whose {name} is off", "leave it on")
+    fits = np.isclose(vehicle.diagonal, np.hypot(vehicle.LENGTH, vehicle.WIDTH), rtol=1e-12)
+    _require(fits, f"{kind} whose diagonal is not of its LENGTH and WIDTH", "set all three")
+    limited = all(lane.speed_limit is not None for lane in lanes(road.network))
+    what = f"{kind} with a negative target_speed where a lane has no speed_limit"
+    _require(limited or getattr(vehicle, "target_speed", 0) >= 0, what, "set one")
     if rule_based:
-        _check_driver(vehicle)
+        _check_driver(vehicle, kind)
 
 
 def _check_numbers(vehicle: Any, names: Iterable[str]) -> None:
@@ -274,27 +259,15 @@ def _check_numbers(vehicle: Any, names: Iterable[str]) -> None:
     values |= {f"commanded {name}": value for name, value in vehicle.action.items()}
     values["impact"] = 0 if vehicle.impact is None else vehicle.impact
     for name, value in values.items():
-        if not np.isfinite(np.asarray(value, np.float64)).all():
-            _refuse(f"a {type(vehicle).__name__} whose {name} is {value}", "use finite numbers")
+        finite = np.isfinite(np.asarray(value, np.float64)).all()
+        _require(finite, f"a {type(vehicle).__name__} whose {name} is {value}")
 
 
-def _check_place(vehicle: Any, road: Any) -> None:
-    kind, network = type(vehicle).__name__, road.network
-    if vehicle.road is not road:
-        raise SettingsError(f"a {kind} belongs to another road; it cannot be read")
-    place = network.get_closest_lane_index(vehicle.position, vehicle.heading)
-    if vehicle.lane_index != place or vehicle.lane is not network.get_lane(place):
-        raise SettingsError(
-            f"a {kind}'s lane_index is not that of its position; call its on_state_update()"
-        )
-
-
-def _check_driver(vehicle: Any) -> None:
-    kind = type(vehicle).__name__
-    if vehicle.route:
-        raise SettingsError("a vehicle follows a route; routes cannot be read")
-    if vehicle.target_lane_index not in vehicle.road.network.all_side_lanes(vehicle.lane_index):
-        _refuse(f"a {kind} whose target_lane_index is no lane of the road", "use one")
+def _check_driver(vehicle: Any, kind: str) -> None:
+    _require(not vehicle.route, f"{kind} that follows a route")
+    lanes_beside = vehicle.road.network.all_side_lanes(vehicle.lane_index)
+    on_road = vehicle.target_lane_index in lanes_beside
+    _require(on_road, f"{kind} whose target_lane_index is no lane of the road")
     within = {
         "MAX_STEERING_ANGLE": 0 <= vehicle.MAX_STEERING_ANGLE < np.pi / 2,
         "DELTA": vehicle.DELTA > 0,
@@ -302,8 +275,8 @@ def _check_driver(vehicle: Any) -> None:
         "COMFORT_ACC_MIN": vehicle.COMFORT_ACC_MIN < 0,
     }
     for name, holds in within.items():
-        if not holds:
-            _refuse(
-                f"a {kind} with a {name} of {getattr(vehicle, name)}",
-                "use a steering angle from 0 to below pi/2, COMFORT_ACC_MIN below 0, others above",
-            )
+        _require(
+            holds,
+            f"{kind} with a {name} of {getattr(vehicle, name)}",
+            "use a steering angle from 0 to below pi/2, COMFORT_ACC_MIN below 0, others above",
+        )
