@@ -23,13 +23,9 @@ REFERENCE = json.loads(Path(__file__).with_name("rliable_reference.json").read_t
 SCORES = st.lists(st.integers(-50, 50).map(float), min_size=1, max_size=12)
 
 
-def mean_of(scores):
-    """The interquartile mean alone, without a bootstrap worth the name."""
-    return estimate(interquartile_mean, scores, resamples=2).value
-
-
-def chance_of(scores, others):
-    return estimate(probability_of_improvement, scores, others, resamples=2).value
+def value_of(statistic, *arms):
+    """Without a bootstrap worth the name."""
+    return estimate(statistic, *arms, resamples=2).value
 
 
 CASES = [
@@ -52,39 +48,29 @@ def test_statistics_and_intervals_are_rliables(statistic, names, expected):
 
 
 @pytest.mark.parametrize(
-    ("scores", "expected"),
+    ("arms", "expected"),
     [
-        ([7.0], 7.0),
-        ([1.0, 2.0, 9.0], 4.0),  # fewer than 4: the mean
-        ([-100.0, 1.0, 3.0, 100.0], 2.0),
-        ([5.0, 1.0, 2.0, -9.0, 90.0], 8.0 / 3.0),
-        ([[0.0, 8.0], [1.0, 7.0], [2.0, 6.0], [3.0, 50.0]], 4.5),  # pooled: 2, 3, 6, 7
+        (([7.0],), 7.0),
+        (([1.0, 2.0, 9.0],), 4.0),  # fewer than 4: the mean
+        (([5.0, 1.0, 2.0, -9.0, 90.0],), 8.0 / 3.0),
+        (([[0.0, 8.0], [1.0, 7.0], [2.0, 6.0], [3.0, 50.0]],), 4.5),  # pooled: 2, 3, 6, 7
+        (([2.0, 3.0], [1.0]), 1.0),
+        (([1.0, 4.0], [1.0, 2.0]), 0.625),  # 1 ties 1, 1 loses to 2, 4 wins twice
+        (([[1.0, 0.0]], [[0.0, 0.0]]), 0.75),  # wins one task, ties the other
     ],
 )
-def test_interquartile_mean_by_hand(scores, expected):
-    assert mean_of(scores) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize(
-    ("scores", "others", "expected"),
-    [
-        ([2.0, 3.0], [1.0], 1.0),
-        ([1.0, 2.0], [1.0, 2.0], 0.5),
-        ([1.0, 4.0], [1.0, 2.0], 0.625),  # 1 ties 1, 1 loses to 2, 4 wins twice
-        ([[1.0, 0.0]], [[0.0, 0.0]], 0.75),  # wins one task, ties the other
-    ],
-)
-def test_probability_of_improvement_by_hand(scores, others, expected):
-    assert chance_of(scores, others) == pytest.approx(expected)
+def test_statistics_by_hand(arms, expected):
+    statistic = interquartile_mean if len(arms) == 1 else probability_of_improvement
+    assert value_of(statistic, *arms) == pytest.approx(expected)
 
 
 @settings(deadline=None, max_examples=50)
 @given(SCORES, SCORES)
 def test_probability_of_improvement_is_mann_whitneys(scores, others):
-    found = chance_of(scores, others)
+    found = value_of(probability_of_improvement, scores, others)
     statistic = stats.mannwhitneyu(scores, others, method="asymptotic").statistic
     assert found == pytest.approx(statistic / (len(scores) * len(others)))
-    assert found + chance_of(others, scores) == pytest.approx(1.0)
+    assert found + value_of(probability_of_improvement, others, scores) == pytest.approx(1.0)
 
 
 def test_intervals_are_the_enumerated_bootstraps():
@@ -143,7 +129,7 @@ def test_impossible_scores_are_refused(scores, message):
     with pytest.raises(ValueError, match=message):
         estimate(interquartile_mean, scores)
     with pytest.raises(ValueError, match="1 tasks cannot be paired with 2"):
-        chance_of([1.0, 2.0], [[1.0, 2.0]])
+        value_of(probability_of_improvement, [1.0, 2.0], [[1.0, 2.0]])
 
 
 def about(share, repetitions):
@@ -152,30 +138,26 @@ def about(share, repetitions):
     return pytest.approx(share, abs=4.0 * error + 0.01)
 
 
-@pytest.mark.parametrize(
-    ("seeds", "share"),
-    [(3, 0.76), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((2, 0.5), (10, 0.94)))],
-)
-def test_coverage_is_what_the_module_says(seeds, share):
-    rng = np.random.default_rng(0)
-    held = 0
-    for repetition in range(600):
-        scores = rng.normal(5.0, 2.0, seeds)
-        low, high = estimate(interquartile_mean, scores, seed=repetition, resamples=400).interval
-        held += low <= 5.0 <= high
-    assert held / 600 == about(share, 600)
+SIMULATED = [(0.0, 3, 0.76), (2.0, 5, 0.62)]
+SLOW = [(0.0, 2, 0.5), (0.0, 10, 0.94), (0.01, 5, 0.92)]
 
 
 @pytest.mark.parametrize(
-    ("shift", "share"), [(2.0, 0.62), pytest.param(0.0, 0.92, marks=pytest.mark.slow)]
+    ("shift", "seeds", "share"),
+    [*SIMULATED, *(pytest.param(*each, marks=pytest.mark.slow) for each in SLOW)],
 )
-def test_coverage_of_improvement_is_what_the_module_says(shift, share):
-    truth = stats.norm.cdf(shift / math.sqrt(2.0))
+def test_coverage_is_what_the_module_says(shift, seeds, share):
+    """Of the interquartile mean of one arm, or of how it improves on one that is shifted."""
     rng = np.random.default_rng(0)
     held = 0
-    for repetition in range(400):
-        arms = rng.normal(shift, 1.0, 5), rng.normal(0.0, 1.0, 5)
-        found = estimate(probability_of_improvement, *arms, seed=repetition, resamples=400)
+    for repetition in range(500):
+        arms = [rng.normal(shift, 1.0, seeds)]
+        statistic, truth = interquartile_mean, shift
+        if shift:
+            arms.append(rng.normal(0.0, 1.0, seeds))
+            statistic = probability_of_improvement
+            truth = stats.norm.cdf(shift / math.sqrt(2.0))
+        low, high = estimate(statistic, *arms, seed=repetition, resamples=400).interval
         # Arms that do not overlap have no interval, which holds nothing.
-        held += found.interval[0] <= truth <= found.interval[1]
-    assert held / 400 == about(share, 400)
+        held += low <= truth <= high
+    assert held / 500 == about(share, 500)

@@ -74,7 +74,7 @@ def placed(x, speed):
 
 def drive(action, worlds):
     found = evaluator.drive_block(evaluator.of_any_start(TEST), constant(action), worlds)
-    return evaluator.as_episodes(TEST.driving, found)
+    return evaluator.as_episodes(TEST.driving, [found], 4)
 
 
 def alike(found, expected):
@@ -442,9 +442,9 @@ def results_of(count):
 @pytest.mark.parametrize("name", ["timestep_reward", "speed_sum", "distance"])
 def test_figures_that_are_not_finite_are_refused(name, value):
     sound = results_of(5)
-    assert len(evaluator.as_episodes(DrivingSettings(), sound)) == 5
+    assert len(evaluator.as_episodes(DrivingSettings(), [sound], 5)) == 5
     spoilt = getattr(sound.stats, name).copy()
     spoilt[2:4] = value
     stats = replace(sound.stats, **{name: spoilt})
     with pytest.raises(NumbersError, match="not finite in 2 of 5 episodes, first in episode 2"):
-        evaluator.as_episodes(DrivingSettings(), replace(sound, stats=stats))
+        evaluator.as_episodes(DrivingSettings(), [replace(sound, stats=stats)], 5)

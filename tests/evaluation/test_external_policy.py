@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import lanewise
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import external_policy
 
@@ -115,13 +114,3 @@ def test_a_policy_that_fails_says_so_itself():
     decide = external_policy.decider(failing, None, 9)
     with pytest.raises(RuntimeError, match="out of ideas"):
         decide(SEEN, ALL, True)
-
-
-def test_names_are_looked_up():
-    with pytest.raises(AttributeError, match="evaluat"):
-        lanewise.evaluat  # noqa: B018
-    with pytest.raises(LanewiseError, match="did you mean highway-env"):
-        lanewise.evaluate("reference/search", world="highwayenv")
-    for policy, said in ((3.0, "a policy is"), ("nowhere/at-all", "no run")):
-        with pytest.raises(LanewiseError, match=said):
-            lanewise.evaluate(policy, episodes=2)

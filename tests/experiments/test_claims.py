@@ -101,40 +101,36 @@ def test_seeds_that_disagree_make_it_depend():
     assert early.verdict == "holds"
 
 
+def ours(**change):
+    return {"hierarchical": replace(OURS, **change)}
+
+
+def flat(**change):
+    return {"single_level": replace(FLAT, **change)}
+
+
 @pytest.mark.parametrize(
     ("claim", "change"),
     [
-        (claims._early_escapes, {"hierarchical": replace(OURS, training=training([0] * 300))}),
-        (
-            claims._flat_stops,
-            {"single_level": replace(FLAT, training=training([1] * 100 + [1, 0] * 100))},
-        ),
-        (
-            claims._flat_is_steady,
-            {"single_level": replace(FLAT, training=training([0] * 300, noise=0.5))},
-        ),
+        (claims._early_escapes, ours(training=training([0] * 300))),
+        (claims._flat_stops, flat(training=training([1] * 100 + [1, 0] * 100))),
+        (claims._flat_is_steady, flat(training=training([0] * 300, noise=0.5))),
         (
             claims._exploring_more,
             {"explorers": (FLAT, replace(FLAT, training=training([0] * 200 + [1, 0] * 50)))},
         ),
-        (claims._keeps_improving, {"hierarchical": replace(OURS, settled=300)}),
-        (
-            claims._varies_more,
-            {"single_level": replace(FLAT, training=training([0] * 300, noise=9.0))},
-        ),
-        (
-            claims._slows_more,
-            {"single_level": replace(FLAT, recording=recording([10, 7, 7], 0.2, [15, 18, 16]))},
-        ),
-        (
-            claims._earns_more,
-            {"hierarchical": replace(OURS, recording=recording([10, 8], 0.1, [15, 9]))},
-        ),
-        (
-            claims._backs_off,
-            {"single_level": replace(FLAT, recording=recording([10, 9.5], 0.2, [15, 18]))},
-        ),
-        (claims._more_accidents, {"single_level": replace(FLAT, test=outcomes(0, 3))}),
+        (claims._keeps_improving, ours(settled=300)),
+        (claims._varies_more, flat(training=training([0] * 300, noise=9.0))),
+        (claims._slows_more, flat(recording=recording([10, 7, 7], 0.2, [15, 18, 16]))),
+        (claims._earns_more, ours(recording=recording([10, 8], 0.1, [15, 9]))),
+        (claims._backs_off, flat(recording=recording([10, 9.5], 0.2, [15, 18]))),
+        (claims._more_accidents, flat(test=outcomes(0, 3))),
+        # More than nine tenths against at most 2 %.
+        (claims._escapes, ours(test=outcomes(90, 0))),
+        (claims._escapes, flat(test=outcomes(3, 0))),
+        # By 10 points of success or 1.0 of reward; better in one and worse in the other is not
+        # better. The hierarchical arm has 98 % and 13.0.
+        (claims._two_steps, {"one_step": replace(FLAT, test=outcomes(87, 0, reward=14.1))}),
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
@@ -142,27 +138,21 @@ def test_each_claim_fails_on_its_own_evidence(claim, change):
     assert found(claim, **change).verdict == "fails"
 
 
-@pytest.mark.parametrize(
-    ("hierarchical", "flat", "verdict"), [(91, 2, "holds"), (90, 2, "fails"), (91, 3, "fails")]
-)
-def test_one_escapes_where_the_other_does_not(hierarchical, flat, verdict):
-    """More than nine tenths against at most 2 %."""
-    claim = found(
-        claims._escapes,
-        hierarchical=replace(OURS, test=outcomes(hierarchical, 0)),
-        single_level=replace(FLAT, test=outcomes(flat, 0)),
-    )
-    assert claim.verdict == verdict
+def test_claims_hold_up_to_their_limits():
+    limits = ours(test=outcomes(91, 0)) | flat(test=outcomes(2, 0))
+    assert found(claims._escapes, **limits).verdict == "holds"
+    one = replace(FLAT, test=outcomes(100, 0, reward=11.5))
+    assert found(claims._two_steps, one_step=one).verdict == "holds"
 
 
 def test_an_escape_counts_whatever_happens_later():
     """The paper's success has no clause about accidents: in tests, and in training if recorded."""
     crashed = replace(outcomes(98, 98), success=np.zeros(100, bool))
-    claim = found(claims._escapes, hierarchical=replace(OURS, test=crashed))
+    claim = found(claims._escapes, **ours(test=crashed))
     assert claim.verdict == "holds"
     assert claim.figures == "hierarchical 98.0 % (98.0 to 98.0), single-level 0.0 % (0.0 to 0.0)"
     late = [line | {"escaped": True} for line in FLAT.training]
-    assert found(claims._flat_stops, single_level=replace(FLAT, training=late)).verdict == "fails"
+    assert found(claims._flat_stops, **flat(training=late)).verdict == "fails"
 
 
 @pytest.mark.parametrize("name", ["escaped", "reward"])
@@ -171,21 +161,6 @@ def test_above_h_dqn_means_in_each_measure(name):
     lines = [a | {name: b[name]} for a, b in zip(FLAT.training, better, strict=True)]
     claim = found(claims._above_h_dqn, h_dqn=replace(FLAT, training=lines))
     assert claim.verdict == "fails", claim
-
-
-@pytest.mark.parametrize(
-    ("escapes", "reward", "verdict"),
-    [
-        # Better in one and worse in the other is not better.
-        *((87, 14.1, "fails"), (100, 11.5, "holds"))
-    ],
-)
-def test_two_steps_must_do_better_by_more_than_a_tenth_of_the_papers_difference(
-    escapes, reward, verdict
-):
-    """By 10 points of success or 1.0 of reward; the hierarchical arm has 98 % and 13.0."""
-    one = replace(FLAT, test=outcomes(escapes, 0, reward=reward))
-    assert found(claims._two_steps, one_step=one).verdict == verdict
 
 
 def test_no_evidence_no_claims():

@@ -39,38 +39,25 @@ def make(out, *names):
             path.write_text("precious")
 
 
-@pytest.mark.parametrize(
-    ("names", "said"),
-    [
-        (("runs/hierarchical/",), "is not empty and holds no run"),
-        (("runs/hierarchical/seed-0/", "report.md"), "is not empty and holds no run"),
-    ],
-)
-def test_a_folder_of_something_else_is_refused_and_untouched(
-    tmp_path, stopped, capsys, names, said
-):
+@pytest.mark.parametrize("names", [["runs/hierarchical/"], ["runs/seed-0/", "report.md"]])
+def test_a_folder_of_something_else_is_refused_and_untouched(tmp_path, stopped, capsys, names):
     out = tmp_path / "out"
     make(out, *names)
     before = everything(out)
     assert main(command(out)) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("lanewise: error: ")
-    assert said in error
+    assert "is not empty and holds no run" in capsys.readouterr().err
     assert everything(out) == before
 
 
 def test_a_folder_says_whose_it_is_and_is_continued(tmp_path, stopped):
-    for name in ("new", "empty/"):
+    (tmp_path / "empty").mkdir()
+    for name in ("new", "empty"):
         out = tmp_path / name
-        make(tmp_path, *([name] if name.endswith("/") else []))
         assert main(command(out)) == 130
         written = everything(out)
         assert sorted(path.name for path in written) == [experiment_folder.NAME]
         assert main(command(out, "--seeds", "2", "--only", "single-level")) == 130
         assert everything(out) == written
-    assert (tmp_path / "new" / experiment_folder.NAME).read_bytes() == (
-        out / experiment_folder.NAME
-    ).read_bytes()
 
 
 def test_a_folder_of_another_experiment_is_refused(tmp_path, stopped, capsys):

@@ -22,10 +22,8 @@ def in_order(
 ) -> list[Result]:
     """The results of a compiled call for each of the given, in their order.
 
-    ``done`` is told after each how many are there.
-
-    The first is made alone, so that only one compiles. Threads suffice: compiled programs run
-    outside Python's lock.
+    ``done`` is told after each how many are there. The first is made alone, so that only one
+    compiles. Threads suffice: compiled programs run outside Python's lock.
     """
     first, *rest = given
     results = [call(first)]

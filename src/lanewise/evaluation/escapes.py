@@ -75,14 +75,11 @@ class Reached(NamedTuple):
 
 
 def search(config: ReachabilityConfig, world: World, width: int | None) -> Reached:
-    """The reachable set up to the duration, or until nothing is left.
+    """The reachable set from ``world`` up to the duration, or until nothing is left.
 
-    Args:
-        config: the rules.
-        world: at the start.
-        width: states kept after each decision; None keeps all, until one has escaped or they are
-            more than `MOST_STATES`: then the start is not shown to be unwinnable, and what remains
-            is to bring an escape to its end.
+    ``width`` states are kept after each decision. None keeps all, until one has escaped or they
+    are more than `MOST_STATES`: then the start is not shown to be unwinnable, and what remains is
+    to bring an escape to its end.
     """
     vehicles = world.vehicles
     ego = [np.asarray(of)[:1] for of in (vehicles.x, vehicles.y, vehicles.heading, vehicles.speed)]

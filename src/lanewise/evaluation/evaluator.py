@@ -4,7 +4,7 @@ Episode i of a seed is the same however many are driven with it: blocks are padd
 `lanewise.evaluation.stepwise` drives the same episodes decision by decision from the host.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -87,41 +87,28 @@ def evaluate(
 ) -> Episodes:
     """Drive episodes 0 to ``count - 1`` of ``seed`` greedily.
 
-    Args:
-        config: scenario, rules, controller, duration and split.
-        parameters: of all the controller's levels.
-        seed: of the starts.
-        count: number of episodes.
-        done: called now and then with the number of episodes done.
-
-    Returns:
-        Their outcomes, in order.
+    ``done`` is called now and then with the number of episodes done.
     """
+    rules = of_any_start(config)
 
     def block(first: int) -> Result:
-        found: Result = jax.device_get(
-            drive_block(of_any_start(config), parameters, start_block(config, seed, first))
-        )
-        return found
+        return drive_block(rules, parameters, start_block(config, seed, first))
 
     blocks = concurrent.in_order(
-        block, range(0, count, BLOCK), lambda number: done(min(count, number * BLOCK))
+        lambda first: jax.device_get(block(first)),
+        range(0, count, BLOCK),
+        lambda number: done(min(count, number * BLOCK)),
     )
-    return as_episodes(config.driving, joined(blocks, count))
+    return as_episodes(config.driving, blocks, count)
 
 
-def joined(blocks: list[Result], count: int) -> Result:
-    """The first ``count`` results of several blocks."""
-    whole: Result = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *blocks)
-    return whole
-
-
-def as_episodes(driving: DrivingSettings, result: Result) -> Episodes:
-    """Outcomes from results with a leading axis over the episodes.
+def as_episodes(driving: DrivingSettings, blocks: Sequence[Result], count: int) -> Episodes:
+    """Outcomes from the first ``count`` results of several blocks.
 
     Raises:
         NumbersError: something was not finite in one of them; no figure would count.
     """
+    result: Result = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *blocks)
     _check_numbers(result)
     stats = result.stats
     decisions = np.asarray(stats.decisions, np.float64)
@@ -171,17 +158,16 @@ def start(config: EvaluationConfig, seed: int, index: int) -> World:
 def start_block(config: EvaluationConfig, seed: int, first: int) -> World:
     """Starts ``first`` to ``first + BLOCK - 1``."""
     # Compiled once for all tests that start alike.
-    worlds: World = _start_block(config.task.start, config.scenario, config.split, seed, first)
-    return worlds
+    return _start_block(config.task.start, config.scenario, config.split, seed, first)
 
 
 @pinned.jit(static_argnums=(0, 1, 2))
 def _start_block(sample: Any, scenario: TrapSettings, split: str, seed: int, first: int) -> World:
-    def start(index: Array) -> World:
-        world: World = sample(scenario, trap.start_key(seed, split, index), split)
-        return world
-
-    return jax.vmap(start)(first + jnp.arange(BLOCK))
+    indices = first + jnp.arange(BLOCK)
+    worlds: World = jax.vmap(
+        lambda index: sample(scenario, trap.start_key(seed, split, index), split)
+    )(indices)
+    return worlds
 
 
 def of_any_start(config: EvaluationConfig) -> EvaluationConfig:
@@ -238,13 +224,10 @@ def act(
 
 
 def step(config: EvaluationConfig, drive: Drive, memory: Memory, action: Array) -> Drive:
-    """The drive after a decision that our world simulates; `act` has made it.
+    """The drive after a decision of `act` that our world simulates.
 
-    Args:
-        config: the test.
-        drive: before the decision.
-        memory: the controller's, after it.
-        action: int32 [] low-level action, or for continuous ones float [2] from -1 to 1.
+    ``memory`` is the controller's after the decision, ``action`` an int32 [] low-level action, or
+    for continuous ones float [2] from -1 to 1.
     """
     commands = actions.of_any(config.driving.actions, action, drive.percept.x.dtype)
     after = episode.step_with_commands(

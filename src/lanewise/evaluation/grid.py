@@ -2,12 +2,13 @@
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from math import nan
 from typing import Any, NamedTuple
 
 from lanewise.errors import SettingsError
 from lanewise.evaluation.episodes import ACCIDENTS
-from lanewise.evaluation.statistics import Interval, clopper_pearson
+from lanewise.evaluation.statistics import clopper_pearson
 from lanewise.fields.ranges import show
 
 CAUSES = ACCIDENTS[1:]
@@ -25,7 +26,6 @@ class Grid:
     trap_speed: tuple[float, ...] = (8.0, 9.0, 10.0, 11.0)
     """Speeds of the trap cars, m/s."""
     lanes: tuple[int, ...] = (3, 4, 5)
-    """Numbers of lanes."""
     front_distance: tuple[float, ...] = DISTANCES[0]
     """Values of D1, m."""
     side_distance: tuple[float, ...] = DISTANCES[1]
@@ -70,16 +70,11 @@ SETTINGS = {
 
 
 def check(grid: Grid) -> None:
-    """Refuse an axis that names a value twice: its starts would count double.
-
-    Raises:
-        SettingsError: says which.
-    """
-    for axis in fields(grid):
-        values = getattr(grid, axis.name)
+    """Refuse an axis that names a value twice: its starts would count double."""
+    for axis, values in vars(grid).items():
         for value in values:
             if values.count(value) > 1:
-                flag = axis.name.replace("_", "-")
+                flag = axis.replace("_", "-")
                 raise SettingsError(f"--{flag}: {show(value)} is given twice")
 
 
@@ -153,40 +148,34 @@ class Share:
     @property
     def escape_rate(self) -> float:
         """The paper's success, of 1; not a number where it is unknown or without episodes."""
-        if self.escapes is None or not self.episodes:
-            return float("nan")
-        return self.escapes / self.episodes
+        return self._rate(self.escapes)
 
     @property
     def success_rate(self) -> float:
         """Of 1; not a number without episodes."""
-        return self.successes / self.episodes if self.episodes else float("nan")
+        return self._rate(self.successes)
 
     @property
     def accident_rate(self) -> float:
         """Of 1; not a number without episodes."""
-        return sum(self.accidents.values()) / self.episodes if self.episodes else float("nan")
+        return self._rate(sum(self.accidents.values()))
 
     def to_json(self) -> dict[str, Any]:
         """The counts, the rates and their exact 95 % intervals."""
-        return {
-            "starts": self.starts,
-            "episodes": self.episodes,
-            "escapes": self.escapes,
-            "successes": self.successes,
-            "accidents": self.accidents,
-            "escape_rate": self.escape_rate,
-            "escape_interval": self._interval(self.escapes),
-            "success_rate": self.success_rate,
-            "success_interval": self._interval(self.successes),
-            "accident_rate": self.accident_rate,
-            "accident_interval": self._interval(sum(self.accidents.values())),
-        }
+        stored: dict[str, Any] = dict(vars(self))
+        accidents = sum(self.accidents.values())
+        counts = {"escape": self.escapes, "success": self.successes, "accident": accidents}
+        for name, count in counts.items():
+            stored[f"{name}_rate"] = self._rate(count)
+            stored[f"{name}_interval"] = (
+                None
+                if count is None or not self.episodes
+                else clopper_pearson(count, self.episodes)
+            )
+        return stored
 
-    def _interval(self, count: int | None) -> Interval | None:
-        if count is None or not self.episodes:
-            return None
-        return clopper_pearson(count, self.episodes)
+    def _rate(self, count: int | None) -> float:
+        return nan if count is None or not self.episodes else count / self.episodes
 
 
 def pool(cells: Sequence[Cell], denominator: str = "all") -> Share:

@@ -50,15 +50,10 @@ class Verdict:
 def judge(
     config: ReachabilityConfig, start: Start, known: Sequence[tuple[int, ...]] = ()
 ) -> Verdict:
-    """Whether the ego can be past the trap and have no accident within the course's duration.
+    """Whether the ego can be past the trap and have no accident within the config's duration.
 
-    Args:
-        config: the rules.
-        start: its numbers; those of traffic do not matter.
-        known: escapes of other starts, the most promising first; the first `KNOWN` are tried.
-
-    Returns:
-        The verdict; with it the escape, which the compiled world has replayed.
+    Of ``known``, escapes of other starts and the most promising first, the first `KNOWN` are tried.
+    The traffic of ``start`` does not matter.
     """
     for escape, holds in zip(known, replay(config, start, known[:KNOWN]), strict=False):
         if holds:
@@ -78,15 +73,10 @@ def judge(
 def replay(
     config: ReachabilityConfig, start: Start, sequences: Sequence[tuple[int, ...]]
 ) -> NDArray[np.bool_]:
-    """Which action sequences are escapes: driven in the world as any test episode is.
+    """Which of at most `KNOWN` action sequences, each of the config's duration, are escapes.
 
-    Args:
-        config: the rules.
-        start: its numbers.
-        sequences: at most `KNOWN`, each of the course's duration.
-
-    Returns:
-        bool, one a sequence: past the trap at the end of some decision, and no accident.
+    They are driven in the world as any test episode is: past the trap at the end of some decision,
+    and no accident.
     """
     if not sequences:
         return np.zeros(0, bool)

@@ -33,13 +33,7 @@ class StepPolicy(Protocol):
     def __call__(
         self, config: EvaluationConfig, drive: Drive, wanted: Booleans, first: bool
     ) -> tuple[Array, Memory]:
-        """The next decision.
-
-        Args:
-            config: the test.
-            drive: [B] under way.
-            wanted: bool [B] whose actions count.
-            first: whether this is the first decision of the episodes.
+        """The next decision; ``wanted`` says whose actions count.
 
         Returns:
             ([B] low-level actions or [B, 2] continuous ones, [B] the controller's memories).
@@ -117,17 +111,6 @@ def evaluate(
 ) -> Episodes:
     """Drive episodes 0 to ``count - 1`` of ``seed``, as `evaluator.evaluate` does.
 
-    Args:
-        config: scenario, rules, duration, split, and the controller that takes the choices.
-        policy: who chooses.
-        simulator: who moves the worlds on.
-        seed: of the starts.
-        count: number of episodes.
-        done: called with the number of episodes done.
-
-    Returns:
-        Their outcomes, in order.
-
     Raises:
         LanewiseError: the policy chose something that does not exist.
     """
@@ -137,7 +120,7 @@ def evaluate(
         *_, last = _drive(config, policy, simulator, seed, first, wanted)
         blocks.append(jax.device_get(evaluator.result(config, last)))
         done(min(count, first + simulator.size))
-    return evaluator.as_episodes(config.driving, evaluator.joined(blocks, count))
+    return evaluator.as_episodes(config.driving, blocks, count)
 
 
 def record(

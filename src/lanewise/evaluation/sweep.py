@@ -47,18 +47,15 @@ def reach(
     points: Sequence[Point],
     known: Sequence[str] = (),
 ) -> Iterator[Reach]:
-    """Which points can be won at all, and which with some clearance.
+    """Which points can be won at all, and which with some clearance, m, from the trap cars.
 
     Args:
         scenario: with the road's width and limit.
         driving: the actions and the rules.
         duration: decisions.
-        clearance: distance to keep from the trap cars, m.
+        clearance: m.
         points: in an order in which neighbours are alike: escapes of the last ones are tried first.
         known: escapes found before.
-
-    Yields:
-        One for each point.
     """
     lanes = max((point.lanes for point in points), default=2)
     strict = escapes.ReachabilityConfig(scenario, driving, lanes, duration)
@@ -92,10 +89,10 @@ def run(
     points: Sequence[Point],
     first: int = 0,
 ) -> Iterator[list[PointResult]]:
-    """Drive every point's episodes greedily.
+    """Drive every point's episodes greedily, under the test that `config` made.
 
     Args:
-        test: from `course`.
+        test: of the grid.
         parameters: of all the controller's levels.
         seed: of the traffic; episode e of point i is start i * ``episodes`` + e of the seed.
         episodes: of each point.
@@ -136,7 +133,7 @@ def _drive(
         return found
 
     blocks = concurrent.in_order(driven, range(0, len(filled), evaluator.BLOCK))
-    return evaluator.as_episodes(test.driving, evaluator.joined(blocks, count))
+    return evaluator.as_episodes(test.driving, blocks, count)
 
 
 @pinned.jit(static_argnums=0)
