@@ -29,7 +29,7 @@ from lanewise.world import (
     tick,
 )
 from lanewise.world.settings import DriverSettings
-from small_worlds import after, change, fit, make_world, taken
+from small_worlds import after, change, fit, make_world, single, taken
 
 COUNT, SIDES = 12, (-1, 1)
 
@@ -111,14 +111,14 @@ def test_closest_lane():
     network = RoadNetwork.straight_road_network(3, length=100.0)
     places = np.random.default_rng(0).uniform([-20, -5], [120, 15], (500, 2))
     places = np.vstack([places, [[50.0, 2.0], [50.0, 6.0]]])
-    lanes = road.straight_road(3, length=100.0, lanes_max=5, dtype=np.float64)
+    lanes = change(make_world([0], [0]), "road", end=100.0).road
     theirs = [network.get_closest_lane_index(place, 0.1)[2] for place in places]
     np.testing.assert_array_equal(jax.jit(road.closest_lane)(lanes, *places.T), theirs)
 
 
 def test_occupied_and_reachable_lanes():
     places = np.random.default_rng(0).uniform([-10, -5], [110, 15], (500, 2))
-    ours = road.straight_road(2, length=100.0, dtype=np.float64)
+    ours = change(make_world([0], [0], lanes=2), "road", end=100.0).road
     occupied = np.array(jax.jit(road.occupied_lanes)(ours, *places.T))
     reachable = np.array(jax.jit(road.reachable_lanes)(ours, *places.T))
     for index in range(2):
@@ -278,7 +278,7 @@ def test_separating_axes_and_the_quick_test_before_them():
 def test_initial_timer():
     lane = RoadNetwork.straight_road_network(3)
     vehicle = IDMVehicle(SimpleNamespace(network=lane), [123.4, 8.0], 0, 10)
-    assert float(build.initial_timer(123.4, 8.0)) == vehicle.timer
+    assert float(build.initial_timer(jnp.float64(123.4), jnp.float64(8.0))) == vehicle.timer
 
 
 def test_reading_what_was_built(scene):
@@ -344,8 +344,16 @@ def test_sets_across_words(count):
 
 
 def test_settings_reach_the_driver():
-    drivers = build.make_drivers([DriverSettings(time_gap=0.9)], [2], 3, np.float64)
-    assert drivers.time_gap.tolist() == [0.9] * 3
+    drivers = build.make_drivers([DriverSettings(time_gap=0.9)] * 3, [2] * 3)
+    assert drivers.time_gap.tolist() == [np.float32(0.9)] * 3
+
+
+def test_added_vehicles_are_absent():
+    world = single(make_world([0, 50], [0, 1], size=2))
+    ours = build.padded(world, 4)
+    assert ours.vehicles.present.tolist() == [True, True, False, False]
+    np.testing.assert_array_equal(ours.drivers.kind[:2], world.drivers.kind)
+    np.testing.assert_array_equal(ours.vehicles.x[:2], world.vehicles.x)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

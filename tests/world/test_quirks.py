@@ -10,9 +10,9 @@ from highway_env.road.road import Road, RoadNetwork
 from highway_env.vehicle.behavior import IDMVehicle
 
 from lanewise.interop.highway_env import build_env, command_table, read_world
-from lanewise.world import build, idm, mobil, motion, road, tick
+from lanewise.world import idm, mobil, motion, tick
 from lanewise.world.settings import PAPER_DRIVER, DriverSettings
-from lanewise.world.state import CONSTANT, RULE_BASED, World
+from lanewise.world.state import CONSTANT, RULE_BASED
 from lanewise.world.steering import slip_sine
 from small_worlds import (
     after,
@@ -77,9 +77,9 @@ RATES, DELAYS = np.arange(1, 101), (1.0, 0.3, 2.0, 10.0)
 def ticks_until_due(dtype):
     """Ticks after which a driver whose timer has just restarted thinks again, [delays, rates]."""
     with jax.enable_x64(dtype == "float64"):
-        drivers = build.make_drivers([DriverSettings()], [RULE_BASED], 1, dtype)
-        vehicles = build.make_vehicles([0.0], [0.0], [10.0], [0], dtype=dtype)
-        world = World(road.straight_road(3, dtype=dtype), drivers, vehicles)
+        world = make_world([0.0], [0], 10.0, kinds=[RULE_BASED], size=1)
+        world = single(world) if dtype == "float32" else world
+        drivers, vehicles = world.drivers, world.vehicles
 
         @jax.jit
         def due(delay, duration):

@@ -21,8 +21,6 @@ from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import SettingsError
 from lanewise.interop import highway_env_evaluation
 from lanewise.interop.highway_env import build_env, command_table, read_world
-from lanewise.world import build
-from lanewise.world.settings import PAPER_DRIVER
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED
 from small_worlds import change, make_world
 
@@ -306,10 +304,3 @@ def test_an_ego_that_nobody_drives():
 def test_plain_vehicles_are_read(env):
     env.road.vehicles.append(Vehicle(env.road, [300, 0], 0, 20))
     assert read_world(env).drivers.kind.tolist() == [0, 2, 2, 2, 1]
-
-
-def test_too_many_vehicles():
-    with pytest.raises(SettingsError, match="do not fit"):
-        build.make_vehicles([0, 50], [0, 0], [1, 1], [0, 0], maximum=1)
-    with pytest.raises(SettingsError, match="2 vehicles"):
-        build.make_drivers([PAPER_DRIVER], [0, 1])

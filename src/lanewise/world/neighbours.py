@@ -60,7 +60,7 @@ def front(world: World, motion: Motion, observers: Observers, lane: Array) -> Fr
     Each looks at one lane, int32 [Q], or at several, [L, Q]; outside the road nobody is found.
     """
     vehicles, count = world.vehicles, world.vehicles.x.shape[0]
-    found = materialize(vehicles.present, lambda: _ahead(observers, lane))
+    found = materialize(vehicles.present, lambda: _nearest(observers, lane, ahead=True))
     return Front(
         exists=found < count,
         x=observers.at(vehicles.x, found),
@@ -72,7 +72,7 @@ def front(world: World, motion: Motion, observers: Observers, lane: Array) -> Fr
 def rear(world: World, motion: Motion, observers: Observers, lane: Array) -> Rear:
     """The vehicle behind each vehicle of some observers, on a lane; as `front`."""
     vehicles, count = world.vehicles, world.vehicles.x.shape[0]
-    found = materialize(vehicles.present, lambda: _behind(observers, lane))
+    found = materialize(vehicles.present, lambda: _nearest(observers, lane, ahead=False))
     return Rear(
         exists=found < count,
         x=observers.at(vehicles.x, found),
@@ -88,31 +88,20 @@ def both(world: World, motion: Motion, observers: Observers, lane: Array) -> Pai
     return Pair(front(world, motion, observers, lane), rear(world, motion, observers, lane))
 
 
-def _ahead(observers: Observers, lane: Array) -> Array:
-    """Number of the vehicle ahead, int32, in the shape of ``lane``; N where there is none."""
+def _nearest(observers: Observers, lane: Array, ahead: bool) -> Array:
+    """Number of the nearest vehicle ahead or behind, int32, in the shape of ``lane``; N for none."""
     own = observers.world.vehicles.x
     x, occupied = observers.x, observers.occupied
     bit = roads.lane_bit(lane)
     count = x.shape[0]
-    found, nearest = jnp.full(lane.shape, count), jnp.full(lane.shape, jnp.inf, own.dtype)
+    none = jnp.inf if ahead else -jnp.inf
+    found, nearest = jnp.full(lane.shape, count), jnp.full(lane.shape, none, own.dtype)
     for other in range(count):
-        on_lane = (occupied[other] & bit) != 0
-        nearer = on_lane & (x[other] >= own) & (x[other] <= nearest) & (observers.number != other)
-        found = jnp.where(nearer, other, found)
-        nearest = jnp.where(nearer, x[other], nearest)
-    return found
-
-
-def _behind(observers: Observers, lane: Array) -> Array:
-    """Number of the vehicle behind, int32, in the shape of ``lane``; N where there is none."""
-    own = observers.world.vehicles.x
-    x, occupied = observers.x, observers.occupied
-    bit = roads.lane_bit(lane)
-    count = x.shape[0]
-    found, nearest = jnp.full(lane.shape, count), jnp.full(lane.shape, -jnp.inf, own.dtype)
-    for other in range(count):
-        on_lane = (occupied[other] & bit) != 0
-        nearer = on_lane & (x[other] < own) & (x[other] > nearest)
+        nearer = (occupied[other] & bit) != 0
+        if ahead:
+            nearer &= (x[other] >= own) & (x[other] <= nearest) & (observers.number != other)
+        else:
+            nearer &= (x[other] < own) & (x[other] > nearest)
         found = jnp.where(nearer, other, found)
         nearest = jnp.where(nearer, x[other], nearest)
     return found

@@ -2,7 +2,6 @@
 
 import jax.numpy as jnp
 from jax import Array
-from jax.typing import ArrayLike, DTypeLike
 
 from lanewise.world.settings import FARTHEST
 from lanewise.world.state import Road, select_by_index
@@ -19,32 +18,30 @@ REACHABLE_WIDTHS = 2.0
 
 def straight_road(
     lanes: int | Array,
-    width: ArrayLike = 4.0,
-    speed_limit: ArrayLike = 30.0,
+    width: float = 4.0,
+    speed_limit: float = 30.0,
     lanes_max: int | None = None,
-    length: ArrayLike | None = None,
-    dtype: DTypeLike = jnp.float32,
+    length: float | None = None,
 ) -> Road:
-    """Parallel lanes along x, lane 0 centred on y = 0.
+    """Parallel lanes along x, float32, lane 0 centred on y = 0.
 
     Args:
         lanes: how many lanes exist; may be traced where `lanes_max` is given.
-        width: of every lane, m; a number or an array [lanes_max] (then of the first lane's width).
+        width: of every lane, m.
         speed_limit: of every lane, m/s.
         lanes_max: static number of lanes of the arrays; absent lanes fill the rest.
         length: of every lane from x = 0 on, m; None: `FARTHEST` m both ways.
-        dtype: of the numbers.
     """
     size = int(lanes) if lanes_max is None else lanes_max
     index = jnp.arange(size)
     present = index < lanes
 
-    def every_lane(value: ArrayLike) -> Array:
-        return jnp.broadcast_to(jnp.asarray(value, dtype), (size,))
+    def every_lane(value: float) -> Array:
+        return jnp.full(size, value, jnp.float32)
 
     return Road(
         present=present,
-        centre=index.astype(dtype) * every_lane(width),
+        centre=index.astype(jnp.float32) * every_lane(width),
         width=every_lane(width),
         start=every_lane(-FARTHEST if length is None else 0.0),
         end=every_lane(FARTHEST if length is None else length),
