@@ -87,20 +87,22 @@ class TaskFunctions:
         """
         if not self.names():
             return observation.SIZE
-        world = self._tried("start", lambda key: self.start(scenario, key, split), pinned.key(0))
+        key = jax.eval_shape(lambda: pinned.key(0))
+        world = self._tried("start", lambda key: self.start(scenario, key, split), key)
         self._check_world(world)
         seen = self._tried("observe", partial(self.observe, driving.observation), world)
-        if not (_is_array(seen) and seen.ndim == 1 and seen.dtype == jnp.float32):
+        if not (_is_array(seen, 1) and seen.dtype == jnp.float32):
             raise self._wrong("observe", "a float32 vector", _kind(seen))
         if not 1 <= seen.size <= LONGEST:
             raise self._wrong("observe", f"from 1 to {LONGEST:,} numbers", f"{seen.size:,}")
-        yes = jax.ShapeDtypeStruct((), jnp.bool_)  # type: ignore[no-untyped-call]
-        angle = jax.ShapeDtypeStruct((), world.vehicles.x.dtype)  # type: ignore[no-untyped-call]
+        angle = jax.eval_shape(lambda: jnp.zeros((), world.vehicles.x.dtype))
+        yes = jax.eval_shape(lambda: jnp.bool_(True))
         paid = self._tried("reward", partial(self.reward, driving.reward), world, angle, yes)
-        if not (_is_array(paid) and paid.ndim == 0 and _is_real(paid.dtype)):
+        real = (jnp.integer, jnp.floating)
+        if not (_is_array(paid, 0) and any(jnp.issubdtype(paid.dtype, kind) for kind in real)):
             raise self._wrong("reward", "one real number", _kind(paid))
         escaped = self._tried("success", self.success, world)
-        if not (_is_array(escaped) and escaped.ndim == 0 and escaped.dtype == jnp.bool_):
+        if not (_is_array(escaped, 0) and escaped.dtype == jnp.bool_):
             raise self._wrong("success", "one bool", _kind(escaped))
         self._check_trap(scenario, split)
         return int(seen.size)
@@ -137,16 +139,10 @@ class TaskFunctions:
 
     def _tried(self, part: str, call: Callable[..., Any], *given: Any) -> Any:
         """What a function returns for one world, as shapes; traced for two, as it will be."""
-
-        def two(leaf: Any) -> Any:
-            return jax.ShapeDtypeStruct((2, *leaf.shape), leaf.dtype)  # type: ignore[no-untyped-call]
-
-        def one(leaf: Any) -> Any:
-            return jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype)  # type: ignore[no-untyped-call]
-
+        two = jax.tree.map(lambda leaf: leaf.update(shape=(2, *leaf.shape)), given)
         with named(self.called(part)):
-            found = jax.eval_shape(jax.vmap(call), *jax.tree.map(two, given))
-        return jax.tree.map(one, found)
+            found = jax.eval_shape(jax.vmap(call), *two)
+        return jax.tree.map(lambda leaf: leaf.update(shape=leaf.shape[1:]), found)
 
     def _wrong(self, part: str, wanted: str, found: str) -> SettingsError:
         return SettingsError(f"{self.called(part)} must return {wanted}, not {found}")
@@ -203,17 +199,13 @@ def _trap_cars(start: Any, scenario: TrapSettings, split: str, key: Array) -> Ar
     return trap.trap_cars(start(scenario, key, split))
 
 
-def _is_real(dtype: Any) -> bool:
-    return bool(jnp.issubdtype(dtype, jnp.integer) or jnp.issubdtype(dtype, jnp.floating))
-
-
-def _is_array(value: Any) -> bool:
-    return isinstance(value, jax.ShapeDtypeStruct)
+def _is_array(value: Any, dimensions: int) -> bool:
+    return isinstance(value, jax.ShapeDtypeStruct) and value.ndim == dimensions
 
 
 def _kind(value: Any) -> str:
     """A value for people: its type, for an array its numbers and shape."""
-    if _is_array(value):
+    if isinstance(value, jax.ShapeDtypeStruct):
         return f"{value.dtype} of shape {tuple(value.shape)}"
     return f"a {type(value).__name__}"
 

@@ -22,21 +22,16 @@ NEEDED = (
 def compose(
     preset: str, trap: str, given: Mapping[str, Any], sections: Sequence[str] = SECTIONS
 ) -> Settings:
-    """The settings with what was given replaced.
+    """The settings with what was given replaced, of those ``sections`` that may be given.
 
-    Args:
-        preset: a training preset; it says over which starts episodes vary.
-        trap: a scenario preset.
-        given: values by setting. A setting may be named in full (``"scenario.trap_speed"``), by
-            its last word where only one ends so and it cannot be misread (``trap_speed``), or
-            within a mapping named like its section (``scenario={"trap_speed": 10.9}``). NumPy's
-            numbers are taken too.
-        sections: those whose settings may be given.
+    ``preset`` says over which starts episodes vary, ``trap`` is a scenario preset. A setting may be
+    named in full (``"scenario.trap_speed"``), by its last word where only one ends so and it cannot
+    be misread (``trap_speed``), or within a mapping named like its section
+    (``scenario={"trap_speed": 10.9}``). NumPy's numbers are taken too.
 
     Raises:
-        SettingsError: a name is unknown, or means several settings, or would be read as another's,
-            or is given twice; or a value has the wrong type, is out of range or contradicts
-            another.
+        SettingsError: a name is unknown, means several settings, would be read as another's, or is
+            given twice; or a value has the wrong type, is out of range or contradicts another.
     """
     known = [name for name in config.field_types() if name.partition(".")[0] in sections]
     flags: dict[str, object] = {}

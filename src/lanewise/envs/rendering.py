@@ -13,14 +13,7 @@ from lanewise.scenario import trap
 
 
 def picture(config: EnvConfig, state: State, *, success: bool, accident: int) -> NDArray[np.uint8]:
-    """The road around the ego from above, with time, speed, goal and rewards; [240, 960, 3].
-
-    Args:
-        config: of the environment.
-        state: of one world.
-        success: whether the episode has succeeded by now.
-        accident: code of the accident that ended it, 0 if none did.
-    """
+    """The road around the ego from above, with time, speed, goal and rewards; [240, 960, 3]."""
 
     def one(value: Any, dtype: Any = np.float64) -> Any:
         return np.asarray(value, dtype)[None]

@@ -47,9 +47,7 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
     def __init__(self, *, render_mode: str | None = None, **settings: Any) -> None:
         """An environment to be reset.
 
-        Args:
-            render_mode: None, or ``rgb_array`` for pictures by `render`.
-            settings: as of `lanewise.envs.functional.make`.
+        With render mode ``rgb_array`` it has pictures. Settings are those of `functional.make`.
         """
         refuse_other(settings, render_mode)
         self.config = functional.make(self.actions, **settings)

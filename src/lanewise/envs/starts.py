@@ -36,9 +36,6 @@ class Starts:
             seed: environment i takes ``seed + i``, or its own of a list, and begins with its first
                 start; None goes on, at first from a random seed.
             options: ``start`` to go to that start instead of the next.
-
-        Raises:
-            LanewiseError: an option or a seed makes no sense.
         """
         start = _start(mapping(options))
         each = self._each(plain(seed))
@@ -79,11 +76,7 @@ class Starts:
 
 
 def mapping(options: Any) -> dict[str, Any]:
-    """The options of a reset, to take some away.
-
-    Raises:
-        LanewiseError: they are no mapping.
-    """
+    """The options of a reset, to take some away."""
     if options is not None and not isinstance(options, Mapping):
         raise LanewiseError(f"options: expected a mapping, got {show(options)}")
     return {} if options is None else dict(options)

@@ -95,17 +95,11 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
     def reset(
         self, *, seed: Any = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], Info]:
-        """The next starts, or the first of seeds.
+        """The next starts, or the first of seeds; fails as `TrapEnv.reset`, or without the mask.
 
         Args:
             seed: environment i takes ``seed + i``, or its own of a list; None: the next starts.
             options: ``{"reset_mask": bool [W]}`` to reset some only, ``{"start": i}`` for start i.
-
-        Raises:
-            LanewiseError: an option or a seed makes no sense; nothing has changed then.
-            ResetNeeded: the first reset has a mask.
-            ValueError: there is no such mask.
-            ClosedEnvironmentError: after `close`.
         """
         single.refuse_unusable(self.closed)
         others = mapping(options)
@@ -129,13 +123,7 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
         return self._observations.copy(), self._info
 
     def step(self, actions: Any) -> tuple[NDArray[np.float32], Floats, Booleans, Booleans, Info]:
-        """One step of every environment.
-
-        Raises:
-            ResetNeeded: there was no reset, or, without autoreset, an episode is over.
-            ActionError: an action does not exist; it is a ValueError too.
-            ClosedEnvironmentError: after `close`.
-        """
+        """One step of every environment; fails as `TrapEnv.step`."""
         single.refuse_unusable(self.closed)
         if self._states is None or (self.mode is AutoresetMode.DISABLED and self._over.any()):
             raise ResetNeeded(
