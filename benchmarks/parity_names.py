@@ -1,9 +1,9 @@
 """Names for the differences between our world and highway-env's; see docs/numerics.md.
 
 A name is given only where its condition holds in the very state in which the worlds parted. The
-state before is taken from the live environment and goes through one tick of ours, so that nothing
-from earlier ticks is left in it. If that tick equals highway-env's, then rounding of earlier ticks
-has grown; otherwise the state must lie on an edge that rounding decides.
+state before is taken from the live environment and goes through one tick of our world, without what
+earlier ticks left. If that tick equals highway-env's, then rounding of earlier ticks has grown;
+otherwise the state must lie on an edge that rounding decides.
 """
 
 from dataclasses import replace
@@ -41,7 +41,7 @@ def name(world, wanted, errors, drift, rate):
     Args:
         world: the state before, from the live environment, with its commands; padded.
         wanted: highway-env's vehicles a tick later, [n].
-        errors: of ours in the free run, by name, [n].
+        errors: of our world in the free run, by name, [n].
         drift: largest error in the free run before the tick.
         rate: ticks a second, Hz.
 

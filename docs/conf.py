@@ -33,7 +33,7 @@ html_math_renderer = "mathml"
 
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True, "undoc-members": True}
-# A name alone in backticks is code, and a link where it names something of ours.
+# A name alone in backticks is code, and a link where it names something of Lanewise.
 default_role = "py:obj"
 python_maximum_signature_line_length = 88
 toc_object_entries_show_parents = "hide"

@@ -1,9 +1,9 @@
 """Double DQN in one file, in CleanRL's way, on 32 traps stepped by one compiled call.
 
 `gymnasium.make_vec` gives Lanewise's own vector environment. In Gymnasium's default autoreset mode
-an environment whose episode is over restarts with the *next* step: that step heeds no action and
-pays nothing, so it is no transition and stays out of the replay. What the step before it showed is
-the episode's true last observation, and only ``terminated`` says that nothing follows.
+an environment whose episode is over restarts with the *next* step. That step ignores its action
+and gives no reward, so it stays out of the replay. The step before it returns the episode's true
+last observation, and only ``terminated`` says that nothing follows.
 
 python examples/cleanrl_style_dqn.py --steps 60000 --seed 0
 """

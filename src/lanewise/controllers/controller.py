@@ -1,6 +1,6 @@
 """What every controller is: levels that choose one after the other, and the action they lead to.
 
-A *level* is a network with its place in the controller: when it chooses, what it sees, and what
+A *level* is a network with its place in the controller: when it chooses, what it observes, and what
 its choice does to the controller's memory. Everything else (goals, the goal critic, a planner)
 stands in memory and functions. Which levels learn, and how they explore, belongs to training;
 `act` is the greedy controller that tests drive.
@@ -43,7 +43,7 @@ class Level(Protocol):
         """Whether the network is to choose now; bool []."""
 
     def features(self, memory: Memory, percept: Percept) -> Array:
-        """What the network sees, [feature_count], once the levels above have chosen."""
+        """What the network observes, [feature_count], once the levels above have chosen."""
 
     def choose(self, memory: Memory, percept: Percept, choice: Array) -> Memory:
         """Take in the network's choice, int32 []; without effect where it was not ready."""

@@ -11,7 +11,7 @@ from lanewise.controllers.settings import GoalSettings
 from lanewise.driving.percept import Percept
 
 FEATURES = 2
-"""Number of goal features the low-level controller sees."""
+"""Number of goal features the low-level controller observes."""
 LATERAL_RANGE = 4.0
 """Lateral distance that reads as 1 in the goal features, m."""
 SPEED_RANGE = 2.0

@@ -33,7 +33,7 @@ class TwoLevelMemory:
 
 @dataclass(frozen=True)
 class HighLevel:
-    """Sets a goal whenever one is due; it sees the 26 features."""
+    """Sets a goal whenever one is due; it observes the 26 features."""
 
     goals: GoalSettings
     name: str = "high_level"
@@ -60,7 +60,7 @@ class HighLevel:
 
 @dataclass(frozen=True)
 class LowLevel:
-    """Chooses the low-level action; it sees the features and the two of the goal."""
+    """Chooses the low-level action; it observes the features and the two of the goal."""
 
     observed: int = observation.SIZE
     """Features observed."""

@@ -25,7 +25,7 @@ HALF_LENGTH = CAR_LENGTH / 2
 STRAIGHT = 0.004
 """Headings below this count as driving straight, rad: less than any turn's quantum above 1 m/s."""
 HEADING_LIMIT = 0.2
-"""The preview pays for headings above this, rad."""
+"""Headings above this cost the preview, rad."""
 LOOK_AHEAD = 1.0
 """The final offset is judged where the car will be this much later, s."""
 SPEED_FIRST = 1.5
@@ -59,7 +59,7 @@ def act(settings: PlannerSettings, driving: DrivingSettings, goal: Goal, percept
         pull = jnp.where(straight & ~held, pull, 0.0)
         if step == 0:
             first = (turn, pull)
-        # A trim is paid for once, not while it is held: so half a swing costs what its rest costs.
+        # A trim costs once, not while it is held: so half a swing costs what its rest costs.
         wanted = goal.speed + jnp.where(trim_steps <= step, trim * quantum, 0.0)
         offset, heading, speed = _preview(driving, offset, heading, speed, turn, pull)
         cost += (

@@ -52,7 +52,7 @@ class RuleBased(WithoutGoals):
         return ()
 
     def act(self, memory: tuple[()], percept: Percept) -> tuple[Array, tuple[()]]:
-        """No command; a rule-based vehicle would not heed one."""
+        """No command; a rule-based vehicle would ignore one."""
         return jnp.int32(actions.IDLE), memory
 
 

@@ -1,4 +1,4 @@
-"""The 26 features a controller sees: highway-env's ``Kinematics`` plus the ego's lane offset.
+"""The 26 features a controller observes: highway-env's ``Kinematics`` plus the ego's lane offset.
 
 Order: ego [presence, x, y, vx, vy], lane offset, then for each of the four vehicles nearest along
 the road [presence, x, y, vx, vy] relative to the ego (zeros where there is none).

@@ -17,7 +17,7 @@ class Percept:
     """The 26 features, the ego in SI units, and the road."""
 
     features: Array
-    """[26] scaled observation, or what a user's own function sees."""
+    """[26] scaled observation, or what a user's own function returns."""
     x: Array
     """[] m."""
     y: Array

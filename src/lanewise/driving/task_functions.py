@@ -25,7 +25,7 @@ LONGEST = 65_536
 
 @dataclass(frozen=True)
 class TaskFunctions:
-    """How an episode starts, and what is seen, paid and counted as success. Static.
+    """How an episode starts, and what is observed, rewarded and counted as success. Static.
 
     Each is a pure function written for one world, to be traced by JAX and batched by ``jax.vmap``:
     a function, a `functools.partial`, or an object that can be called and hashed. They are compared
@@ -41,7 +41,7 @@ class TaskFunctions:
     must be the same for every key. Vehicle 0 is the ego; trap cars are those that keep their
     commands (``CONSTANT``), the others are traffic."""
     observe: Callable[[ObservationSettings, World], Array] = observation.features
-    """(settings, world) to what the controller sees, float32 [n]."""
+    """(settings, world) to what the controller observes, float32 [n]."""
     reward: Callable[[RewardSettings, World, Array, Array], Array] = reward.decision_reward
     """(settings, world after a decision, steering angle in rad, bool [] whether an accident ended
     it) to the reward of the decision, []."""
@@ -78,7 +78,7 @@ class TaskFunctions:
     def validate(
         self, scenario: TrapSettings, driving: DrivingSettings, split: str = "training"
     ) -> int:
-        """Length of what the controller sees; tries the user's own functions, each traced alone.
+        """Length of the observation; tries the user's own functions, each traced alone.
 
         So a mistake shows at once, under its name.
 
@@ -97,10 +97,10 @@ class TaskFunctions:
             raise self._wrong("observe", f"from 1 to {LONGEST:,} numbers", f"{seen.size:,}")
         angle = jax.eval_shape(lambda: jnp.zeros((), world.vehicles.x.dtype))
         yes = jax.eval_shape(lambda: jnp.bool_(True))
-        paid = self._tried("reward", partial(self.reward, driving.reward), world, angle, yes)
+        given = self._tried("reward", partial(self.reward, driving.reward), world, angle, yes)
         real = (jnp.integer, jnp.floating)
-        if not (_is_array(paid, 0) and any(jnp.issubdtype(paid.dtype, kind) for kind in real)):
-            raise self._wrong("reward", "one real number", _kind(paid))
+        if not (_is_array(given, 0) and any(jnp.issubdtype(given.dtype, kind) for kind in real)):
+            raise self._wrong("reward", "one real number", _kind(given))
         escaped = self._tried("success", self.success, world)
         if not (_is_array(escaped, 0) and escaped.dtype == jnp.bool_):
             raise self._wrong("success", "one bool", _kind(escaped))

@@ -11,7 +11,7 @@ from lanewise.errors import SettingsError, brief
 from lanewise.fields.suggestions import nearest
 
 SECTIONS = ("scenario", "driving", "goals", "planner")
-"""Of the settings, what an environment heeds."""
+"""Sections of the settings that an environment uses."""
 NEEDED = (
     *("traffic.driver", "traffic.speed", "traffic.first_gap", "actions", "observation.speed_range"),
     *("goals", "planner", "search", "single_level"),

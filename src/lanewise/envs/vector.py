@@ -60,7 +60,7 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
             num_envs: how many.
             render_mode: None, or ``rgb_array`` for pictures by `render`.
             autoreset_mode: when an environment whose episode ended restarts itself: with the next
-                step, which then heeds no action and pays nothing; in the same; or not at all.
+                step, which then ignores its action and gives no reward; in the same; or not at all.
             max_episode_steps: steps after which an episode is truncated, as by ``gymnasium.make``;
                 None or -1: its duration alone truncates it.
             settings: as of `lanewise.envs.functional.make`.

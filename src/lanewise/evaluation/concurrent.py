@@ -9,7 +9,7 @@ from lanewise.system import process
 from lanewise.world.materialize import on_cpu
 
 ONE_THREAD = "--xla_cpu_multi_thread_eigen=false"
-"""Of ``XLA_FLAGS``: where XLA is told to compute on one core, so do we."""
+"""Of ``XLA_FLAGS``: where it makes XLA compute on one core, so do we."""
 
 Given = TypeVar("Given")
 Result = TypeVar("Result")
@@ -22,7 +22,7 @@ def in_order(
 ) -> list[Result]:
     """The results of a compiled call for each of the given, in their order.
 
-    ``done`` is told after each how many are there. The first is made alone, so that only one
+    ``done`` is called after each with their number. The first is made alone, so that only one
     compiles. Threads suffice: compiled programs run outside Python's lock.
     """
     first, *rest = given

@@ -239,7 +239,7 @@ def build_env(
     EXTERNAL and CONSTANT vehicles are plain `Vehicle`s, RULE_BASED ones `IDMVehicle`s whose
     parameters are set on the instance. The EXTERNAL one is driven by a DiscreteAction of nine
     actions; of several each is, by a tuple of actions in their order (MultiAgentAction). Where
-    there is none, the ego is vehicle 0, which must be RULE_BASED and heeds no action. The
+    there is none, the ego is vehicle 0, which must be RULE_BASED and ignores actions. The
     observation, reward and endings are those of the first driven vehicle; the observation is
     Kinematics with fixed ranges.
 

@@ -190,8 +190,8 @@ def _rewards(before: StageState, after: StageState, metrics: ChunkMetrics) -> ND
     under_way = np.asarray(after.rollouts.episode.stats.reward)
     # An episode that ended has left its world; the facts hold its sum.
     total = np.where(episodes.outcome.over[0], episodes.reward[0], under_way)
-    paid: NDArray[np.float32] = total - np.asarray(before.rollouts.episode.stats.reward)
-    return paid
+    given: NDArray[np.float32] = total - np.asarray(before.rollouts.episode.stats.reward)
+    return given
 
 
 def _spoilt(tree: Any) -> list[str]:

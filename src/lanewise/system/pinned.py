@@ -85,7 +85,7 @@ def key(seed: int | Array) -> Array:
 
 
 def own(given: Array) -> Array:
-    """A user's random key as one of ours.
+    """A user's random key as one of Lanewise's.
 
     Args:
         given: a key; of another generator the first 64 bits count, of which the others are made.

@@ -87,7 +87,7 @@ def parse_json(data: bytes) -> Any:
     """Parse JSON in UTF-8: no name twice in an object, no NaN, no infinity.
 
     Raises:
-        ValueError: the text is no such JSON, or is nested deeper than any file of ours.
+        ValueError: the text is no such JSON, or is nested deeper than any file of Lanewise.
     """
     try:
         found = json.loads(

@@ -29,7 +29,7 @@ class IterationFinite:
     """What is looked at between two iterations: true where it is finite."""
 
     observation: Array
-    """bool [worlds] what every ego sees."""
+    """bool [worlds] what every ego observes."""
     reward: Array
     """bool [worlds] the rewards of the episode under way."""
     loss: dict[str, Array]
@@ -141,7 +141,7 @@ class Finding:
             "observation": "an observation is not finite",
             "reward": "a reward is not finite",
             "vehicles": "the state of a car is not finite",
-            "transitions": f"{self.level} was paid or shown a number that is not finite",
+            "transitions": f"{self.level} got a reward or an observation that is not finite",
             "loss": f"the loss of {self.level} is not finite",
             "weights": f"the weights of {self.level} are not finite",
         }[self.what]
@@ -157,7 +157,7 @@ class Finding:
 def findings(finite: ChunkFinite) -> list[Finding]:
     """All that is not finite, what may have caused the rest first.
 
-    What is seen and paid comes before losses and weights: a network without finite weights still
+    Observations and rewards come before losses and weights: a network without finite weights still
     chooses actions that exist, so it spoils nothing of the road.
     """
     firsts = []

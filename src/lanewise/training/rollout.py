@@ -48,7 +48,7 @@ class StageConfig:
     learning: tuple[tuple[str, LevelSettings], ...]
     """The levels that learn, in the order in which they choose, and how."""
     task: TaskFunctions = PAPER_TASK
-    """How episodes start, and what is seen, paid and counted as success."""
+    """How episodes start, and what is observed, rewarded and counted as success."""
 
     def level(self, name: str) -> Level:
         """A level of the controller."""
@@ -126,7 +126,7 @@ def step(
 def _settle(config: StageConfig, parameters: Parameters, memory: Any, seen: Percept) -> Any:
     """Let the frozen levels above the learning ones choose.
 
-    Now, so that what a learning level sees after a transition is what it will then act on.
+    Now, so that what a learning level observes after a transition is what it will then act on.
     """
     for level in config.controller.levels[: config.leading]:
         memory, _ = controllers.choose(level, parameters, memory, seen)

@@ -28,7 +28,7 @@ class Pending:
     choice: Array
     """int32 [n] what it chose."""
     reward: Array
-    """[n] reward since, as the level is paid."""
+    """[n] reward since, as the level's own weights give it."""
     discount: Array
     """[n] gamma^k, k decisions since."""
     count: Array

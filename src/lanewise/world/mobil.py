@@ -172,7 +172,7 @@ def aborts(world: World, motion: Motion, chosen: Array) -> Array:
     """Which changes under way are given up because of a rival, bool [N].
 
     A rival is another rule-based vehicle, outside the target lane, bound for it too, and ahead
-    within the desired gap. Drivers decide in list order: driver i sees the new target of j < i and
+    within the desired gap. Drivers decide in list order: driver i knows the new target of j < i and
     the old one of j > i, and a rival that has itself just given up is none any more. So ``abort``
     is the only fixed point of abort_i = sure_i or any_j<i (contest_ij and not abort_j), which
     iteration reaches in as many rounds as the longest chain, nearly always none.
