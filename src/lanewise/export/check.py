@@ -40,19 +40,16 @@ class Decision:
     """One decision of the controller: what it saw, did and kept. [T, B] after a drive."""
 
     features: Any
-    """[26]."""
     ego: Ego
-    """In SI units."""
     action: Any
-    """int32 []."""
     memory: dict[str, Any]
     """Afterwards, in the parts of an exported policy."""
     values: dict[str, Any]
     """Q-values by level."""
     ready: dict[str, Any]
-    """bool [] by level, whether its choice counted."""
+    """By level, whether its choice counted."""
     live: Any
-    """bool [] whether the episode was still under way."""
+    """Whether the episode was still under way."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +59,7 @@ class Agreement:
     states: int = 0
     """Decisions compared."""
     same: int = 0
-    """Of those, with the same action and the same memory afterwards."""
+    """With the same action and the same memory afterwards."""
     tied: int = 0
     """Others, where the two best Q-values differ by less than `TIE`."""
     different: int = 0
@@ -70,7 +67,7 @@ class Agreement:
     largest_difference: float = 0.0
     """Between two Q-values that should be equal."""
     actions: frozenset[int] = frozenset()
-    """Which actions were chosen."""
+    """Those that were chosen."""
 
     def __add__(self, other: "Agreement") -> "Agreement":
         """Of both together."""
@@ -111,7 +108,7 @@ def agreement(
         states: decisions to compare, at least.
         seed: of the starts.
         renewal: when goals are renewed, as it was exported.
-        done: told now and then how many are done.
+        done: called with how many are done.
     """
     config = recipe.evaluation_config(trained.settings, trained.name, renewal)
     total = Agreement()
@@ -156,7 +153,7 @@ def decision(
     traces: dict[str, Trace],
     live: Array,
 ) -> Decision:
-    """What there is to compare of a decision; lanes that are absent have infinite centres."""
+    """What there is to compare; lanes that are absent have infinite centres."""
     centres = jnp.where(seen.road.present, seen.road.centre, jnp.inf)
     return Decision(
         features=seen.features,

@@ -19,12 +19,7 @@ NUMPY, ONNX = ".npz", ".onnx"
 
 
 def check(path: Path, reading: bool) -> None:
-    """Whether a policy can be written to ``path``, and read again if ``reading``.
-
-    Raises:
-        LanewiseError: the ending is unknown, something is there already, the file could not be
-            written, or a package is missing.
-    """
+    """Refuses a path to which no policy can be written, or ``reading`` it again is impossible."""
     if path.suffix not in (NUMPY, ONNX):
         raise LanewiseError(f"--out must end in {ONNX}, or in {NUMPY} for NumPy, got {path}")
     if path.exists() or path.is_symlink():
@@ -40,11 +35,7 @@ def check(path: Path, reading: bool) -> None:
 
 
 def save(policy: Policy, path: Path) -> None:
-    """Write a policy.
-
-    Raises:
-        LanewiseError: the file cannot be written, or would be too large to be read.
-    """
+    """Write a policy."""
     if path.suffix == ONNX:
         _onnx_models().save(policy, path)
         return
@@ -60,11 +51,7 @@ def save(policy: Policy, path: Path) -> None:
 
 
 def step(path: Path) -> "Step":
-    """The decision of a policy that was written, as `Policy.step`.
-
-    Raises:
-        LanewiseError: the file cannot be read or holds no policy.
-    """
+    """The decision of a policy that was written, as `Policy.step`."""
     found: Step = _onnx_models().Session(path).step if path.suffix == ONNX else load(path).step
     return found
 

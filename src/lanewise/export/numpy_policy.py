@@ -89,9 +89,7 @@ class Policy:
             self._memory = None
             return
         fresh = self.start(len(which))
-        self._memory = {
-            name: np.where(which, fresh[name], part) for name, part in self._memory.items()
-        }
+        self._memory = {n: np.where(which, fresh[n], part) for n, part in self._memory.items()}
 
     def act(self, features: Array, ego: Ego | None = None) -> Array:
         """The next action; remembers what has to be remembered.
@@ -110,12 +108,11 @@ class Policy:
         batch = len(rows)
         if rows.shape != (batch, FEATURE_COUNT) or not np.isfinite(rows).all():
             raise ValueError(f"features must be [26] or [B, 26] finite numbers, got {rows.shape}")
-        if self._memory is None:
-            self._memory = self.start(batch)
-        if any(len(part) != batch for part in self._memory.values()):
+        memory = self.start(batch) if self._memory is None else self._memory
+        if any(len(part) != batch for part in memory.values()):
             raise ValueError("the batch has another size than before: call reset() first")
         seen = self._checked(ego, batch) if self.has_goals else None
-        action, self._memory, _ = self.step(rows, seen, self._memory)
+        action, self._memory, _ = self.step(rows, seen, memory)
         return int(action[0]) if np.ndim(features) == 1 else action
 
     def step(
@@ -140,14 +137,12 @@ class Policy:
         else:
             scaled = np.stack([lateral / LATERAL_RANGE, speed / SPEED_RANGE], axis=1)
             goal = np.minimum(np.maximum(scaled, -GOAL_LIMIT), GOAL_LIMIT)
-            values["low_level"] = self._values(
-                "low_level", np.concatenate([features, goal], axis=1)
-            )
+            seen = np.concatenate([features, goal], axis=1)
+            values["low_level"] = self._values("low_level", seen)
             action = np.argmax(values["low_level"], axis=1)
         return action, memory | {"age": memory["age"] + 1}, values
 
     def _checked(self, ego: Ego | None, batch: int) -> Ego:
-        """The ego as float32 arrays of a batch."""
         if ego is None:
             raise ValueError("this controller sets goals: act(features, Ego(...)) needs the ego")
         y, heading, speed = (

@@ -15,15 +15,9 @@ from lanewise.report import output_files
 OPSET, IR_VERSION = 18, 8
 """Of ONNX 1.13 (2022), which runtimes since then read."""
 BATCH = "batch"
-FEATURES = "features"
-VALUES = "_values"
-"""Ending of the outputs with a level's Q-values."""
-NEXT = "next_"
-"""Prefix of the outputs that the next decision takes as its memory."""
-SHAPES: dict[str, list[Any]] = {
-    FEATURES: [BATCH, FEATURE_COUNT],
-    "lane_centres": [BATCH, "lanes"],
-}
+FEATURES, NEXT, VALUES = "features", "next_", "_values"
+"""Input; prefix of the outputs that the next decision takes as its memory; ending of Q-values."""
+SHAPES: dict[str, list[Any]] = {FEATURES: [BATCH, FEATURE_COUNT], "lane_centres": [BATCH, "lanes"]}
 """Of what is not [batch]."""
 MEANINGS = {
     FEATURES: "the 26 features of Lanewise's observation",
@@ -83,11 +77,7 @@ def model(policy: Policy) -> ModelProto:
 
 
 def save(policy: Policy, path: Path) -> None:
-    """Write a policy's model, once the checker has passed it.
-
-    Raises:
-        LanewiseError: the file cannot be written.
-    """
+    """Write a policy's model, once the checker has passed it."""
     made = model(policy)
     onnx.checker.check_model(made, full_check=True)
     with output_files.replacing(path) as beside:
