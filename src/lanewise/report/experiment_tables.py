@@ -1,25 +1,14 @@
 """Tables of an experiment as Markdown and text: a row for each arm, figures over its seeds."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite, nan
 from typing import Any
 
 import numpy as np
 
-from lanewise.evaluation.aggregates import (
-    estimate,
-    interquartile_mean,
-    probability_of_improvement,
-)
-from lanewise.evaluation.metrics import (
-    METRICS,
-    PUBLISHED,
-    PUBLISHED_TRAINING,
-    TRAINING_WINDOW,
-    Metric,
-    Summary,
-)
+from lanewise.evaluation import aggregates, metrics
+from lanewise.evaluation.metrics import METRICS, PUBLISHED, Metric, Summary
 from lanewise.report import tables
 from lanewise.report.markup import cell, line
 from lanewise.report.tables import UNKNOWN, digits, head, number, scale, spread, unit
@@ -33,6 +22,8 @@ PAPER = (
 SHOWN: tuple[Metric, ...] = tuple(m for name in PAPER for m in METRICS if m.name == name)
 OVER_SEEDS = ("escape_rate", "success_rate", "accumulated_reward")
 """Metrics with aggregates over seeds."""
+TESTS = tuple((m.name, head(m), scale(m), digits(m)) for m in SHOWN)
+"""Columns: name of a figure, title, factor, decimal places."""
 TRAINING = (
     ("reward", "reward, 1 a decision", 1.0, 2),
     ("timestep_reward", "reward, 1 a second", 1.0, 2),
@@ -40,19 +31,16 @@ TRAINING = (
     ("escaped", "success (paper), %", 100.0, 1),
     ("success", "success, %", 100.0, 1),
 )
-"""Measures of a training episode: column of the metrics, title, factor, decimal places."""
+"""The same of a training episode."""
 WEIGHTS = (
     ("escape_rate", "success (paper), %", 100.0, 1),
     ("success_rate", "success, %", 100.0, 1),
     ("accident_rate", "accidents, %", 100.0, 1),
     ("reward", "reward, 1 a second", 1.0, 2),
 )
-"""Figures of kept and last weights, likewise."""
+"""The same of kept and last weights."""
 EFFORT = ("decisions", "episodes", "updates", "seconds")
 """What a training took, over all its stages."""
-
-UNLIKE_TEST, UNLIKE_TRAINING = "unlike_paper", "unlike_papers_training"
-"""Fields of `ArmFigures`: how an arm's tests, or its trainings, differ from the published ones."""
 
 Rows = Sequence[Mapping[str, Any]]
 
@@ -84,17 +72,11 @@ class ArmFigures:
 
 def tests(arms: Sequence[ArmFigures], world: str) -> str:
     """The paper's test table: means over seeds, the lowest and the highest seed in parentheses."""
-    heads = ["arm", "seeds", *(head(metric) for metric in SHOWN)]
-    rows = []
-    for arm, published in _beside(arms, PUBLISHED, UNLIKE_TEST):
-        if published:
-            rows.append([f"*{cell(arm.controller)}, published*", "-", *_published(arm.controller)])
-        if arm.tests.get(world):
-            cells = (
-                spread([scale(m) * v for v in arm.values(world, m.name)], digits(m)) for m in SHOWN
-            )
-            rows.append([cell(arm.title), str(len(arm.tests[world])), *cells])
-    return _noted(tables.markdown(heads, rows), _left_out(arms, PUBLISHED, UNLIKE_TEST))
+
+    def values(arm: ArmFigures, name: str) -> list[float]:
+        return arm.values(world, name)
+
+    return _with_published(arms, TESTS, values, PUBLISHED, "-", "unlike_paper")
 
 
 def every_seed(arms: Sequence[ArmFigures], worlds: Sequence[str]) -> str:
@@ -122,9 +104,9 @@ def over_seeds(arms: Sequence[ArmFigures], reference: str | None, world: str = "
         world: the world of the tests.
     """
     held = next((arm for arm in arms if arm.title == reference), None)
-    metrics = [metric for metric in METRICS if metric.name in OVER_SEEDS]
+    shown = [metric for metric in METRICS if metric.name in OVER_SEEDS]
     heads = ["arm"]
-    for metric in metrics:
+    for metric in shown:
         heads.append(f"IQM of {head(metric)}")
         if held is not None:
             heads.append(f"P({metric.title} above {cell(held.title)})")
@@ -133,15 +115,17 @@ def over_seeds(arms: Sequence[ArmFigures], reference: str | None, world: str = "
         if not arm.tests.get(world):
             continue
         row = [cell(arm.title)]
-        for metric in metrics:
+        for metric in shown:
             scores = arm.values(world, metric.name)
             known = all(map(isfinite, scores))
-            mean = estimate(interquartile_mean, scores) if known else None
-            row.append(tables.estimated(metric, mean) if mean else UNKNOWN)
+            mean = aggregates.interquartile_mean
+            middle = aggregates.estimate(mean, scores) if known else None
+            row.append(tables.estimated(metric, middle) if middle else UNKNOWN)
             if held is not None:
                 others = held.values(world, metric.name)
                 beside = arm is not held and known and others and all(map(isfinite, others))
-                ahead = estimate(probability_of_improvement, scores, others) if beside else None
+                chance = aggregates.probability_of_improvement
+                ahead = aggregates.estimate(chance, scores, others) if beside else None
                 row.append(tables.chance(ahead) if ahead else UNKNOWN)
         rows.append(row)
     return tables.markdown(heads, rows) + "\n"
@@ -149,21 +133,12 @@ def over_seeds(arms: Sequence[ArmFigures], reference: str | None, world: str = "
 
 def training(arms: Sequence[ArmFigures]) -> str:
     """The paper's training table: means of the last episodes, over seeds."""
-    heads = ["arm", "seeds", *(title for _, title, _, _ in TRAINING)]
-    rows = []
-    trained = [arm for arm in arms if arm.training]
-    for arm, published in _beside(trained, PUBLISHED_TRAINING, UNLIKE_TRAINING):
-        if published:
-            figures = PUBLISHED_TRAINING[arm.controller]
-            cells = (spread([factor * figures.get(n, nan)], d) for n, _, factor, d in TRAINING)
-            rows.append([f"*{cell(arm.controller)}, published*", "5", *cells])
-        cells = (
-            spread([factor * last_mean(episodes, name) for episodes in arm.training], places)
-            for name, _, factor, places in TRAINING
-        )
-        rows.append([cell(arm.title), str(len(arm.training)), *cells])
-    left = _left_out(trained, PUBLISHED_TRAINING, UNLIKE_TRAINING)
-    return _noted(tables.markdown(heads, rows), left)
+
+    def values(arm: ArmFigures, name: str) -> list[float]:
+        return [last_mean(episodes, name) for episodes in arm.training]
+
+    trained, papers = [arm for arm in arms if arm.training], metrics.PUBLISHED_TRAINING
+    return _with_published(trained, TRAINING, values, papers, "5", "unlike_papers_training")
 
 
 def effort(arms: Sequence[ArmFigures]) -> str:
@@ -205,7 +180,7 @@ def weights(stages: Mapping[str, Sequence[SelectedWeights]]) -> str:
 
 def last_mean(rows: Rows, name: str) -> float:
     """Mean of a measure over the last training episodes; NaN if unknown for one of them."""
-    last = [row.get(name) for row in rows[-TRAINING_WINDOW:]]
+    last = [row.get(name) for row in rows[-metrics.TRAINING_WINDOW :]]
     return float(np.mean([nan if value is None else value for value in last])) if last else nan
 
 
@@ -213,20 +188,48 @@ def text(arms: Sequence[ArmFigures], world: str) -> str:
     """The test table for a terminal, means alone."""
     heads = [["", *(metric.title for metric in SHOWN)], ["", *(unit(metric) for metric in SHOWN)]]
     rows = []
-    for arm, published in _beside(arms, PUBLISHED, UNLIKE_TEST):
+    for arm, published in _beside(arms, PUBLISHED, "unlike_paper"):
         if published:
-            rows.append([f"{arm.controller}, published", *_published(arm.controller)])
+            papers = (PUBLISHED[arm.controller].get(metric.name, nan) for metric in SHOWN)
+            rows.append([f"{arm.controller}, published", *map(number, SHOWN, papers)])
         if arm.tests.get(world):
             means = (float(np.mean(arm.values(world, metric.name))) for metric in SHOWN)
-            cells = map(number, SHOWN, means)
-            rows.append([f"{line(arm.title)} ({len(arm.tests[world])})", *cells])
-    return "\n".join([tables.text(heads, rows), *_left_out(arms, PUBLISHED, UNLIKE_TEST)]) + "\n"
+            title = f"{line(arm.title)} ({len(arm.tests[world])})"
+            rows.append([title, *map(number, SHOWN, means)])
+    return "\n".join([tables.text(heads, rows), *_left_out(arms, PUBLISHED, "unlike_paper")]) + "\n"
+
+
+def _with_published(
+    arms: Sequence[ArmFigures],
+    columns: Sequence[tuple[str, str, float, int]],
+    values: Callable[[ArmFigures, str], list[float]],
+    published: Mapping[str, Mapping[str, float]],
+    published_seeds: str,
+    unlike: str,
+) -> str:
+    """A row for each arm, above the first of a controller the published one, and notes on both."""
+    rows = []
+    for arm, first in _beside(arms, published, unlike):
+        paper, own = published.get(arm.controller, {}), {c[0]: values(arm, c[0]) for c in columns}
+        seeds = str(len(own[columns[0][0]]))
+        if first:
+            cells = (spread([factor * paper.get(n, nan)], d) for n, _, factor, d in columns)
+            rows.append([f"*{cell(arm.controller)}, published*", published_seeds, *cells])
+        if seeds != "0":
+            cells = (spread([factor * v for v in own[n]], d) for n, _, factor, d in columns)
+            rows.append([cell(arm.title), seeds, *cells])
+    table = tables.markdown(["arm", "seeds", *(title for _, title, _, _ in columns)], rows)
+    notes = _left_out(arms, published, unlike)
+    return "\n".join([table, *(["", *map(cell, notes)] if notes else [])]) + "\n"
 
 
 def _beside(
     arms: Sequence[ArmFigures], published: Mapping[str, Any], unlike: str
 ) -> Iterator[tuple[ArmFigures, bool]]:
-    """Each arm, and whether its controller's published figures stand before it: once."""
+    """Each arm, and whether its controller's published figures stand before it: once.
+
+    ``unlike`` is the field that says how its tests, or trainings, differ from the published ones.
+    """
     seen: set[str] = set()
     for arm in arms:
         alike = arm.controller in published and getattr(arm, unlike) == ""
@@ -239,12 +242,3 @@ def _left_out(arms: Sequence[ArmFigures], published: Mapping[str, Any], unlike: 
     """Why some arms must not be compared with published figures."""
     why = {arm.title: getattr(arm, unlike) for arm in arms if arm.controller in published}
     return tables.left_out({title: reason for title, reason in why.items() if reason})
-
-
-def _noted(table: str, notes: Sequence[str]) -> str:
-    """A Markdown table with notes below it."""
-    return "\n".join([table, *(["", *map(cell, notes)] if notes else [])]) + "\n"
-
-
-def _published(controller: str) -> list[str]:
-    return [number(metric, PUBLISHED[controller].get(metric.name, nan)) for metric in SHOWN]
