@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from statistics import median
 
-from lanewise.bench.measurement import number
+from lanewise.bench.session import number
 from lanewise.bench.suite import training_case
 
 OURS = "lanewise"

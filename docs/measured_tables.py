@@ -8,7 +8,8 @@ from typing import Any
 
 import ages
 
-from lanewise.bench.measurement import Measurement, extras, number
+from lanewise.bench.session import extras, number
+from lanewise.bench.suite import Measurement
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import ratios as compared

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from lanewise.bench import processes, suite, workloads
-from lanewise.bench.measurement import Measurement
+from lanewise.bench.suite import Measurement
 from lanewise.cli.main import main
 from lanewise.driving import actions, observation
 from lanewise.errors import LanewiseError

@@ -12,8 +12,8 @@ import ratios
 from ratios import LEVEL, LEVEL_CACHED, SB3_TRAINING
 
 from lanewise.bench import suite
-from lanewise.bench.measurement import Measurement, table
-from lanewise.bench.suite import Benchmark, training_case
+from lanewise.bench.session import table
+from lanewise.bench.suite import Benchmark, Measurement, training_case
 
 
 def figure(part, case, subject, value, unit="things/s", **detail):

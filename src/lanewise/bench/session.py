@@ -5,14 +5,30 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from lanewise.bench import measurement
-from lanewise.bench.measurement import Measurement
-from lanewise.bench.suite import Benchmark
+from lanewise.bench.suite import Benchmark, Measurement
 from lanewise.errors import LanewiseError, RunError
 from lanewise.system.progress import Progress
+
+
+def _sum(unit: str, digits: int) -> Callable[[dict[str, float]], str]:
+    return lambda parts: " + ".join(f"{name} {v:.{digits}f}" for name, v in parts.items()) + unit
+
+
+SHOWN: dict[str, Callable[[Any], str]] = {
+    "decisions_per_second": "{:,.0f} decisions/s".format,
+    "ended": lambda ended: f"{1 - ended['truncated']:.0%} of episodes end by accident",
+    "gflop_per_second": "{:,.0f} GFLOP/s".format,
+    "milliseconds_a_step": _sum(" ms a step", 2),
+    "seconds_of": _sum(" s", 0),
+    "test": lambda test: f"success {test['success_rate']:.1%}",
+    "compile_seconds": "compiled in {:.1f} s".format,
+    "peak_memory_bytes": lambda count: f"{count / 2**20:,.0f} MiB",
+}
+"""The details that tables show; the file has all."""
 
 
 def check_out(out: Path | None) -> None:
@@ -84,7 +100,7 @@ def run(
     }
     try:
         # Printed first: a file that cannot be written must not cost the figures.
-        shown = json.dumps(result) if as_json else measurement.table(figures) + text
+        shown = json.dumps(result) if as_json else table(figures) + text
         sys.stdout.write(shown + "\n")
     finally:
         # Written all the same where the reader has gone.
@@ -93,3 +109,29 @@ def run(
     if interrupted:
         raise KeyboardInterrupt
     return 1 if failed else 0
+
+
+def table(figures: Sequence[Measurement]) -> str:
+    """Figures by part and case, for a terminal."""
+    lines = []
+    for (part, case), group in groupby(figures, key=lambda each: (each.part, each.case)):
+        lines += ["", f"{part}: {case}"]
+        for each in group:
+            line = f"  {each.subject:<40} {number(each.value):>12} {each.unit}"
+            lines.append(f"{line}  ({extras(each)})" if extras(each) else line)
+    return "\n".join(lines).lstrip("\n")
+
+
+def number(value: float) -> str:
+    """A figure with as many digits as mean something."""
+    return f"{value:,.2f}" if value < 10 else f"{value:,.1f}" if value < 100 else f"{value:,.0f}"
+
+
+def extras(figure: Measurement) -> str:
+    """The details people look for."""
+    detail = dict(figure.detail)
+    if "episodes" not in detail:
+        detail.pop("ended", None)  # Counts, not shares.
+    if "seconds_of" in detail:
+        detail.pop("compile_seconds", None)  # Among them.
+    return ", ".join(text(detail[name]) for name, text in SHOWN.items() if name in detail)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from lanewise.bench import processes
-from lanewise.bench.measurement import Measurement
 from lanewise.system import process
 
 PARTS = (
@@ -30,6 +29,21 @@ BATCH = 64
 """Of an update, by default."""
 EPISODES = 100_000
 """Of the evaluation."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One measured figure."""
+
+    part: str
+    case: str
+    """What was done; figures of one part and case may be compared."""
+    subject: str
+    """Who did it."""
+    value: float
+    unit: str
+    detail: dict[str, Any] = field(default_factory=dict)
+    """Whatever else was measured, by name."""
 
 
 @dataclass(frozen=True, kw_only=True)
