@@ -15,7 +15,6 @@ from lanewise.system.extras import needed_for
 
 with needed_for("a figure"):
     import matplotlib.style
-    import matplotlib.ticker
     from matplotlib.artist import Artist as Artist
     from matplotlib.axes import Axes as Axes
     from matplotlib.collections import PolyCollection as PolyCollection
@@ -24,19 +23,15 @@ with needed_for("a figure"):
     from matplotlib.patches import Patch as Patch
 
 Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Look = dict[str, Any]
 """Keywords of a matplotlib artist."""
 
 FORMATS = (".png", ".svg")
-WIDTH = 7.2
-"""Width of a figure, inches: both columns of a journal page."""
-DPI = 200
-"""Resolution of a PNG."""
+WIDTH, DPI = 7.2, 200
+"""Width of a figure, inches: both columns of a journal page; resolution of a PNG."""
 DRAWN, THIN = 1.6, 0.5
 """Widths of a curve and of a band's edge, points."""
-GRID = "0.9"
-MUTED = "0.35"
+GRID, MUTED = "0.9", "0.35"
 """Greys of the grid and of what is less important."""
 
 
@@ -170,8 +165,3 @@ def panels(figure: Figure, count: int) -> list[Axes]:
         axes.margins(x=0.01)
         axes.set_title(f"({letter})", loc="left", fontsize="medium", pad=3.0)
     return stacked
-
-
-def thousands(axes: Axes) -> None:
-    """Separate thousands along the horizontal axis."""
-    axes.xaxis.set_major_formatter(matplotlib.ticker.StrMethodFormatter("{x:,.0f}"))

@@ -87,7 +87,10 @@ def _frame(axes: Axes, recording: Recording, now: Moment, points: float) -> None
     )
     axes.set(xlim=(start, end), ylim=_across(recording)[::-1], aspect="equal", yticks=[])
     axes.spines[:].set_visible(False)
-    named = [*np.flatnonzero(recording.role == 0), *np.flatnonzero(_traps(recording))]
+    named = [
+        *np.flatnonzero(recording.role == 0),
+        *np.flatnonzero((recording.role == 1) & recording.present),
+    ]
     for letter, number in zip("E123456789", named, strict=False):
         axes.text(
             float(now.x[number]) - 0.5,
@@ -124,17 +127,12 @@ def _fate(recording: Recording, now: Moment, over: bool) -> str:
         return f"ended {end}"
     if not recording.escaped[now.index]:
         return ""
-    traps = _traps(recording)
+    traps = (recording.role == 1) & recording.present
     if not traps.any():
         return "succeeded"
     fronts = now.x[traps] + recording.length[traps] / 2.0
     gap = now.x[0] - recording.length[0] / 2.0 - fronts.max()
     return f"{gap:.0f} m past the trap" if gap > 0.0 else "passed again"
-
-
-def _traps(recording: Recording) -> style.Bools:
-    traps: style.Bools = (recording.role == 1) & recording.present
-    return traps
 
 
 def _scale(axes: Axes, *, last: bool) -> None:

@@ -2,12 +2,13 @@
 
 import base64
 import mimetypes
+from html import escape
 from pathlib import Path
 
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 
-from lanewise.report.markup import html
+from lanewise.errors import printable
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 72rem; margin: 2rem auto; padding: 0 1rem;
@@ -32,13 +33,12 @@ def render(markdown: str, title: str, folder: Path) -> str:
             if inner.type == "image":
                 _embed(inner, folder)
     body = reader.renderer.render(tokens, reader.options, {})
-    body = body.replace("<table>", '<div class="wide"><table>').replace(
-        "</table>", "</table></div>"
-    )
+    body = body.replace("<table>", '<div class="wide"><table>')
+    body = body.replace("</table>", "</table></div>")
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{html(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n{body}</body>\n"
+        f"<title>{escape(printable(title))}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n{body}</body>\n"
         "</html>\n"
     )
 

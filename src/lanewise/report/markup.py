@@ -1,7 +1,6 @@
 """Making any string safe inside Markdown, HTML and JSON."""
 
 import re
-from html import escape
 from math import isfinite
 from typing import Any
 
@@ -29,11 +28,6 @@ def code(value: object) -> str:
     # In a table a bar would split the cell even inside code.
     padded = f" {text} " if text.startswith("`") or text.endswith("`") or not text else text
     return f"{fence}{padded}{fence}".replace("|", r"\|")
-
-
-def html(value: object) -> str:
-    """A string as plain HTML text."""
-    return escape(printable(str(value)))
 
 
 def finite(value: Any) -> Any:

@@ -13,10 +13,8 @@ from lanewise.report.tables import head, scale
 
 SHOWN = ("escape_rate", "success_rate", "accumulated_reward")
 """Metrics, a panel each."""
-ROW, HEAD = 0.34, 1.0
-"""Inches of an arm's row, and of what stands above and below them all."""
-LETTERS = 34
-"""In a line of an arm's title."""
+ROW, HEAD, LETTERS = 0.34, 1.0, 34
+"""Inches of an arm's row and of what stands above and below them all; letters in a title's line."""
 REFERENCE = "not trained"
 """Name of all controllers that learn nothing."""
 SPREAD = 0.22
@@ -70,9 +68,8 @@ def _own(arm: ArmFigures) -> Style:
 
 
 def _key(arms: Sequence[ArmFigures]) -> list[Artist]:
-    looks = {
-        arm.controller if arm.controller in style.OWN else REFERENCE: _own(arm) for arm in arms
-    }
+    names = [arm.controller if arm.controller in style.OWN else REFERENCE for arm in arms]
+    looks = dict(zip(names, map(_own, arms), strict=True))
     handles: list[Artist] = [
         Line2D([], [], color=own.colour, marker=own.marker, linestyle="", label=name)
         for name, own in looks.items()

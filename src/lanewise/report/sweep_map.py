@@ -5,7 +5,7 @@ be won a corner is hatched, where none can all of it is.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,16 +47,12 @@ CORNER = 0.45
 """Size of the hatched corner of a field in which some starts cannot be won."""
 
 
-@dataclass(frozen=True)
-class MapAxes:
-    """Which axes of a grid a map shows."""
+class MapAxes(NamedTuple):
+    """Which axes of a grid a map shows: along its own two, and one column of panels a value."""
 
     x: str = "ego_speed"
-    """Along the horizontal axis."""
     y: str = "trap_speed"
-    """Along the vertical axis."""
     panel: str = "lanes"
-    """One column of panels for each value."""
 
 
 @style.look()
@@ -64,18 +60,22 @@ def draw(cells: Sequence[Cell], view: MapAxes) -> Figure:
     """The map of a whole grid's cells."""
     values = {axis: sorted({getattr(c.point, axis) for c in cells}) for axis in LABELS}
     columns = values[view.panel]
-    across, down = len(values[view.x]), len(values[view.y])
-    figure = Figure(
-        figsize=(1.6 + len(columns) * (0.5 + 0.5 * across), 1.3 + 2 * (0.6 + 0.42 * down)),
-        layout="constrained",
-    )
+    across, down = values[view.x], values[view.y]
+    width = 1.6 + len(columns) * (0.5 + 0.5 * len(across))
+    height = 1.3 + 2 * (0.6 + 0.42 * len(down))
+    figure = Figure(figsize=(width, height), layout="constrained")
     panels = figure.subplots(2, len(columns), sharex=True, sharey=True, squeeze=False)
     for row, (label, rate, colours) in enumerate(ROWS):
         scale = ScalarMappable(Normalize(0.0, 100.0), matplotlib.colormaps[colours])
         for column, value in enumerate(columns):
             axes = panels[row, column]
             own = [cell for cell in cells if getattr(cell.point, view.panel) == value]
-            _panel(axes, own, view, values, (rate, scale))
+            for (x, y), field in fold(own, view.x, view.y).items():
+                _field(axes, (across.index(x), down.index(y)), field, (rate, scale))
+            axes.set(xlim=(-0.5, len(across) - 0.5), ylim=(-0.5, len(down) - 0.5))
+            axes.set_xticks(range(len(across)), [f"{value:g}" for value in across])
+            axes.set_yticks(range(len(down)), [f"{value:g}" for value in down])
+            axes.tick_params(length=0.0)
             if row == 0:
                 axes.set_title(f"{value:g} {LABELS[view.panel][1]}", fontsize="medium")
         panels[row, 0].set_ylabel(LABELS[view.y][0])
@@ -93,32 +93,10 @@ def _key(cells: Sequence[Cell], view: MapAxes) -> list[Patch]:
     fields = fold(cells, view.panel, view.x, view.y).values()
     won = [(pool(own, "winnable").starts, len(own)) for own in fields]
     some, none = any(0 < part < whole for part, whole in won), any(part == 0 for part, _ in won)
-    kinds = (
-        (some, "white", "some cannot be won (winnable/all)"),
-        (none, UNWINNABLE, "none can be won"),
-    )
-    return [
-        Patch(facecolor=colour, edgecolor="0.3", hatch=HATCH, label=label)
-        for occurs, colour, label in kinds
-        if occurs
-    ]
-
-
-def _panel(
-    axes: Axes,
-    cells: Sequence[Cell],
-    view: MapAxes,
-    values: dict[str, list[float]],
-    shown: tuple[str, ScalarMappable],
-) -> None:
-    """A coloured field with its number for each pair of values."""
-    across, down = values[view.x], values[view.y]
-    for (x, y), own in fold(cells, view.x, view.y).items():
-        _field(axes, (across.index(x), down.index(y)), own, shown)
-    axes.set(xlim=(-0.5, len(across) - 0.5), ylim=(-0.5, len(down) - 0.5))
-    axes.set_xticks(range(len(across)), [f"{value:g}" for value in across])
-    axes.set_yticks(range(len(down)), [f"{value:g}" for value in down])
-    axes.tick_params(length=0.0)
+    look: Look = {"edgecolor": "0.3", "hatch": HATCH}
+    partly = Patch(facecolor="white", label="some cannot be won (winnable/all)", **look)
+    not_at_all = Patch(facecolor=UNWINNABLE, label="none can be won", **look)
+    return [partly] * some + [not_at_all] * none
 
 
 def _field(

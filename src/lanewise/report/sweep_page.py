@@ -104,20 +104,16 @@ def totals(cells: Sequence[Cell]) -> str:
     """Both successes and accidents over each denominator, as Markdown."""
     rows = []
     for name, title in TITLES.items():
-        share = pool(cells, name)
-        rates = [tables.UNKNOWN] * len(RATES)
-        if share.episodes:
-            numbers = share.to_json()
-            rates = [_rate(numbers[f"{rate}_rate"], numbers[f"{rate}_interval"]) for rate in RATES]
-        rows.append([title, str(share.starts), str(share.episodes), *rates])
+        share = pool(cells, name).to_json()
+        row = [title, str(share["starts"]), str(share["episodes"])]
+        for rate in RATES:
+            if share["episodes"] and share[f"{rate}_interval"] is not None:
+                low, high = (f"{100.0 * end:.2f}" for end in share[f"{rate}_interval"])
+                row.append(f"{100.0 * share[f'{rate}_rate']:.2f} % ({low}, {high})")
+            else:
+                row.append(tables.UNKNOWN)
+        rows.append(row)
     return tables.markdown(["over", "starts", "episodes", *RATES.values()], rows)
-
-
-def _rate(value: float, interval: Sequence[float] | None) -> str:
-    if interval is None:
-        return tables.UNKNOWN
-    low, high = (f"{100.0 * end:.2f}" for end in interval)
-    return f"{100.0 * value:.2f} % ({low}, {high})"
 
 
 def _page(sweep: SweepResult, document: Mapping[str, Any], captions: Mapping[str, str]) -> str:

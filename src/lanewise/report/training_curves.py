@@ -131,7 +131,7 @@ def _panels() -> tuple[Figure, list[Axes]]:
         axes.set_ylabel(label)
         if factor == 100.0:
             axes.set_ylim(-3.0, 103.0)
-    style.thousands(panels[-1])
+    panels[-1].xaxis.set_major_formatter("{x:,.0f}")
     return figure, panels
 
 
