@@ -44,10 +44,7 @@ def matrix_product(rows, inner, columns, seconds, seed=0):
 def level(training_seed, cached=False, seed=0):
     """Seconds of a training of preset quick, imports and compilation included; it is then tested.
 
-    Args:
-        training_seed: of the training.
-        cached: whether an earlier training has left its compiled programs.
-        seed: unused.
+    ``cached``: an earlier training has left its compiled programs.
     """
     place = tempfile.TemporaryDirectory()
     run, first = Path(place.name) / "run", Path(place.name) / "first"
@@ -100,12 +97,7 @@ def breakdown(whole, compiling, times):
     """Where a training's wall time went, adding up to it.
 
     Chunks count as long as the median of their stage, and so do validations, as the first of each
-    waits for its compilation.
-
-    Args:
-        whole: seconds of the command.
-        compiling: seconds of tracing and compilation.
-        times: lines of the run's ``timings.jsonl``.
+    waits for its compilation. ``times`` are the lines of the run's ``timings.jsonl``.
     """
     found = {"compilation": compiling, "driving and updates": 0.0, "validation": 0.0}
     for stage in {line["stage"] for line in times}:

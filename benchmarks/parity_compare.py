@@ -31,15 +31,9 @@ def at(vehicles, index):
 
 
 def errors_of(vehicles, reference, rule_based):
-    """How far vehicles are from the reference, of each number and decision.
+    """How far vehicles [..., n] are from the reference, by name of number and decision.
 
-    Args:
-        vehicles: arrays [..., n].
-        reference: the same.
-        rule_based: bool [n].
-
-    Returns:
-        By name, [..., n]; a decision's error is 0 or infinite.
+    A decision's error is 0 or infinite.
     """
     errors = {}
     for name in CONTINUOUS + DECISIONS:

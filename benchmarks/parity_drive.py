@@ -56,9 +56,6 @@ def drive(env, seconds):
 
     The whole world is read, and so checked, every second: at every tick that would take as long as
     the drive.
-
-    Raises:
-        SettingsError: the environment holds something our world cannot represent.
     """
     live = env.unwrapped
     start = read_world(env)
@@ -86,13 +83,10 @@ def drive(env, seconds):
 
 @jax.jit
 def _tick_by_tick(world, commands, duration):
-    """Vehicles after each tick, [ticks, N].
+    """Vehicles of one world after each tick, [ticks, N].
 
-    Args:
-        world: one world.
-        commands: for each tick and external vehicle [ticks, k]: its number, or -1 where nothing new
-            is commanded; acceleration, m/s^2; steering, rad.
-        duration: of a tick, s.
+    ``commands`` are for each tick and external vehicle [ticks, k]: its number, or -1 where nothing
+    new is commanded; acceleration, m/s^2; steering, rad.
     """
 
     def advance(vehicles, given):
@@ -108,13 +102,8 @@ def _tick_by_tick(world, commands, duration):
 def follow(driven, room=ROOM):
     """Compare our world with a drive at every tick; after a difference it starts from there again.
 
-    Args:
-        driven: the drive.
-        room: vehicles of the compiled program.
-
-    Returns:
-        The differences, the largest error of each number while the worlds agreed, and at how many
-        vehicles and ticks `wreck_flags` differed.
+    Returns the differences, the largest error of each number while the worlds agreed, and at how
+    many vehicles and ticks `wreck_flags` differed. ``room``: vehicles of the compiled program.
     """
     count, ticks = driven.start.vehicles.x.shape[0], len(driven.number)
     rule_based = driven.start.drivers.kind == RULE_BASED
@@ -194,12 +183,7 @@ def _difference(driven, now, equal_at, world, before, ours):
 
 
 def compare(env, seconds, room=ROOM):
-    """Drive an environment and compare.
-
-    Returns:
-        The names of the differences, how often each came and an example of each, and those without
-        a name with the states before them.
-    """
+    """Drive an environment and compare: differences by name, those without one with states."""
     driven = drive(env, seconds)
     differences, most, flags = follow(driven, room)
     unexplained = [found for found in differences if None in found["names"]]

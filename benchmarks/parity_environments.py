@@ -77,14 +77,7 @@ def seconds_of(rate, vehicles, seconds):
 
 
 def draw(seed, number, seconds=40.0, most=OTHERS_MAX):
-    """Draw a configuration; rates and lanes go in turn, so that each meets each.
-
-    Args:
-        seed: of the campaign.
-        number: of the configuration.
-        seconds: simulated, s.
-        most: vehicles that are not controlled.
-    """
+    """Draw a configuration; rates and lanes go in turn, so that each meets each."""
     rng = np.random.default_rng([seed, 4, number])
     rate, lanes = RATES[number % len(RATES)], 1 + number // len(RATES) % LANES_MAX
     affordable = max(n for n in range(most + 1) if seconds_of(rate, n, seconds) <= AFFORDED)
@@ -106,15 +99,7 @@ def draw(seed, number, seconds=40.0, most=OTHERS_MAX):
 
 
 def make(seed, configuration):
-    """Make the environment of a configuration, reset and filled.
-
-    Args:
-        seed: of the campaign.
-        configuration: what to make.
-
-    Returns:
-        A wrapped environment, as `gymnasium.make` returns it.
-    """
+    """Make the environment of a configuration as `gymnasium.make` does, reset and filled."""
     rng = np.random.default_rng([seed, 5, configuration.number])
     env = gymnasium.make("highway-v0", config=_config(configuration, rng))
     env.reset(seed=int(rng.integers(2**31)))

@@ -36,7 +36,7 @@ EPSILON = np.finfo(np.float64).eps
 
 
 def name(world, wanted, errors, drift, rate):
-    """Name a difference.
+    """Names of a difference, sorted; `None` among them where something is unexplained.
 
     Args:
         world: the state before, from the live environment, with its commands; padded.
@@ -44,9 +44,6 @@ def name(world, wanted, errors, drift, rate):
         errors: of our world in the free run, by name, [n].
         drift: largest error in the free run before the tick.
         rate: ticks a second, Hz.
-
-    Returns:
-        The names, sorted; `None` among them where something is unexplained.
     """
     count = wanted.x.shape[0]
     rule_based = world.drivers.kind[:count] == RULE_BASED
@@ -130,18 +127,9 @@ def _other_thresholds(world):
 def _nudged(world):
     """The world with everybody moved and turned by the size of rounding, in random directions."""
     rng, vehicles = np.random.default_rng(0), world.vehicles
-    moved = []
+    worlds = []
     for _ in range(NUDGES):
         x, y, heading = rng.choice([-NUDGE, 0.0, NUDGE], (3, *vehicles.x.shape))
-        moved.append(
-            replace(
-                world,
-                vehicles=replace(
-                    vehicles,
-                    x=vehicles.x + x,
-                    y=vehicles.y + y,
-                    heading=vehicles.heading + heading,
-                ),
-            )
-        )
-    return moved
+        moved = {"x": vehicles.x + x, "y": vehicles.y + y, "heading": vehicles.heading + heading}
+        worlds.append(replace(world, vehicles=replace(vehicles, **moved)))
+    return worlds

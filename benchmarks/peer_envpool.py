@@ -6,16 +6,7 @@ import timing
 
 
 def world(task, envs, threads, seconds, settings, seed=0):
-    """Vehicle-ticks/s of a pool whose environments are all stepped in each call.
-
-    Args:
-        task: EnvPool's name of the environment.
-        envs: environments in the pool.
-        threads: of the pool.
-        seconds: to drive.
-        settings: of the environment, where they differ from the task's own.
-        seed: of environments and actions.
-    """
+    """Vehicle-ticks/s of a pool whose environments are all stepped in each call."""
     pool = envpool.make_gymnasium(task, num_envs=envs, num_threads=threads, seed=seed, **settings)
     config = pool.spec.config
     # Drawn before, so that the time is the pool's.

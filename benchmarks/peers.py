@@ -53,11 +53,7 @@ ENVS = (64, 512)
 
 
 def installed(python):
-    """Versions of the peers' distributions for an interpreter.
-
-    Raises:
-        LanewiseError: it is no Python interpreter.
-    """
+    """Versions of the peers' distributions for an interpreter."""
     names = sorted({name for names in NEEDS.values() for name in names})
     try:
         asked = subprocess.run(
@@ -73,11 +69,7 @@ def installed(python):
 def beside(seconds, seeds, count, python):
     """The benchmarks that are measured beside those of `lanewise bench`.
 
-    Args:
-        seconds: length of each measurement.
-        seeds: trainings whose time to the paper's level is taken.
-        count: cores that may be used.
-        python: by name of `NEEDS`, the interpreter that has it, as far as there is one.
+    ``python`` holds, by name of `NEEDS`, an interpreter that has it, if there is one.
     """
     learner = LearnerSettings()
     inner, columns = learner.hidden

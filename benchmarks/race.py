@@ -73,7 +73,8 @@ def main() -> None:
     for controller in options.controllers:
         tried = range(len(settings_of(controller)))
         race(options, [training(options.out, controller, number, 0) for number in tried])
-        ranked = sorted(tried, key=lambda number: -score(options.out, controller, number))
+        firsts = [training(options.out, controller, number, 0).path for number in tried]
+        ranked = sorted(tried, key=lambda number: -weights_of(firsts[number]).score)
         race(
             options,
             [
@@ -124,11 +125,6 @@ def race(options: argparse.Namespace, runs: Sequence[Training]) -> None:
     with folder_io.make_locked(options.out, "racing") as out:
         schedule.run(runs, options.processes, sys.stderr, out)
     write(options.out)
-
-
-def score(out: Path, controller: str, number: int) -> float:
-    """Of the weights that the first seed kept."""
-    return weights_of(training(out, controller, number, 0).path).score
 
 
 def weights_of(path: Path) -> selected_weights.SelectedWeights:

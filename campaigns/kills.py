@@ -75,10 +75,7 @@ def save_forever(folder, sabotage, saved):
 def run(folder, sabotage=lambda: None, seconds=None):
     """Let a child save until it ends; returns the number of the last checkpoint it has saved.
 
-    Args:
-        folder: where it saves.
-        sabotage: called in the child after its first checkpoints.
-        seconds: after these it is killed, None for never.
+    ``sabotage`` is called in it after its first checkpoints; after ``seconds`` it is killed.
     """
     # Without a lock, which a kill might leave locked.
     saved = get_context("fork").RawValue("i", 0)

@@ -17,13 +17,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def parse(description: str, name: str, **sizes: float) -> argparse.Namespace:
-    """Read a campaign's command line.
-
-    Args:
-        description: the module's docstring, whose first line is shown.
-        name: of the result file, without its ending.
-        sizes: how much there is to do, by option; the default gives the type.
-    """
+    """Read a campaign's command line; ``sizes`` are the defaults of its own options."""
     parser = argparse.ArgumentParser(description=description.splitlines()[0])
     for option, default in sizes.items():
         parser.add_argument(f"--{option}", type=type(default), default=default)
@@ -33,14 +27,7 @@ def parse(description: str, name: str, **sizes: float) -> argparse.Namespace:
 
 
 def store(path: Path, figures: dict, seed: int | None = None, packages=()) -> None:
-    """Write a result file.
-
-    Args:
-        path: of the file; its folder is made.
-        figures: what came out.
-        seed: of everything random, if anything was.
-        packages: whose versions matter beside the usual ones.
-    """
+    """Write a result file; ``packages`` are those whose versions matter beside the usual ones."""
     document = {
         "command": shlex.join(["python", *sys.argv]),
         "seed": seed,
@@ -55,14 +42,10 @@ def store(path: Path, figures: dict, seed: int | None = None, packages=()) -> No
 
 
 def state(*more, within=(), packages=(), root=ROOT) -> str:
-    """Digest of all that what a campaign keeps depends on: files, versions, options.
+    """Digest of all that what a campaign keeps depends on: options, files, versions.
 
-    Args:
-        more: options that matter.
-        within: folders or files; without, everything that git knows or would add, but what the
-            campaigns themselves store.
-        packages: whose versions matter beside the usual ones.
-        root: of the tree.
+    The files are those ``within`` some folders; without, everything that git knows or would add,
+    but what the campaigns themselves store.
     """
     listing = subprocess.run(
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard", *within],

@@ -69,14 +69,9 @@ def lose(path, way, rng):
         (path / "checkpoints" / f"{names.pop()}.json").unlink()
     saved = [(path / "checkpoints", name) for name in names[-1:]]
     saved += [(path / "stages", file.stem) for file in (path / "stages").glob("*.json")]
-    safe = max((load(*each).meta["metrics_bytes"] for each in saved), default=0)
+    safe = max((checkpoint.load(*each).meta["metrics_bytes"] for each in saved), default=0)
     metrics = path / "metrics.jsonl"
     os.truncate(metrics, rng.integers(safe, metrics.stat().st_size + 1))
-
-
-def load(folder, name):
-    """A checkpoint."""
-    return checkpoint.load(folder, name)
 
 
 def where(folder):
@@ -84,7 +79,7 @@ def where(folder):
     names = checkpoint.names(folder)
     if not names:
         return {"continues_from": None}
-    found = load(folder, names[-1])
+    found = checkpoint.load(folder, names[-1])
     memory = "state/rollouts/memory/"
     ages = [found.tree.get(memory + name, np.zeros(1)) for name in ("goal/age", "age")]
     return {

@@ -2,6 +2,7 @@
 
 from lanewise import config
 from lanewise.config.settings import ONE_LEVEL_STAGES
+from lanewise.controllers.registry import CONTROLLERS
 from lanewise.runs import training_loop
 from lanewise.runs.run_folder import RunFolder
 from lanewise.system.progress import Progress
@@ -17,21 +18,14 @@ BUDGET = {"worlds": 2, "duration": 12}
 CHUNK = 100
 """Decisions in a chunk: 50 in each world."""
 STAGES_OF = {
-    "single-level": ("single-level",),
-    "planned": ("step-1",),
-    "hierarchical": ("step-1", "step-2"),
-    "h-dqn": ("h-dqn",),
+    name: [stage.name for stage in CONTROLLERS[name].stages]
+    for name in ("single-level", "planned", "hierarchical", "h-dqn")
 }
 """Names of the stages of a training, by controller."""
 
 
 def flags(chunks: int, epsilon_chunks: int | None = None) -> dict[str, object]:
-    """Settings of a training of so many chunks a stage, by dotted name.
-
-    Args:
-        chunks: of every stage.
-        epsilon_chunks: over which epsilon falls; left as it is by default.
-    """
+    """Settings of a training of so many chunks a stage; epsilon falls over ``epsilon_chunks``."""
     level = dict(LEVEL)
     if epsilon_chunks is not None:
         level["exploration.steps"] = epsilon_chunks * CHUNK

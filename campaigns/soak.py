@@ -70,8 +70,7 @@ def living(group):
 def attempt(command, environment, seconds, way):
     """Run a command, and stop it after some seconds.
 
-    Returns:
-        (whether it was stopped, its exit status, its last words, the largest memory in MiB).
+    Returns (whether it was stopped, its exit status, its last words, the largest memory in MiB).
     """
     # A file and not a pipe, which would fill up and stop the process while nobody reads.
     with tempfile.TemporaryFile("w+") as said:

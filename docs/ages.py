@@ -54,12 +54,7 @@ def filled(page: str) -> str:
 
 
 def note(stored: Sequence[Any], what: str = "") -> str:
-    """How old results are, in a line.
-
-    Args:
-        stored: the result files, as plain values.
-        what: the part that depends on training; empty if all does.
-    """
+    """How old results are, in a line; ``what`` is the part that depends on training, if not all."""
     sources = [source for result in stored for source in _sources(result)]
     dates = sorted({result["date"][:10] for result in stored})
     made = f"{provenance.commits(sources)}, {' to '.join(dict.fromkeys((dates[0], dates[-1])))}"

@@ -80,11 +80,7 @@ def page() -> str:
 def with_defaults(text: str) -> str:
     """A page with every quoted default up to date."""
     defaults = config.flatten(config.compose())
-
-    def quote(match: re.Match[str]) -> str:
-        return f"`{match[1]} = {value(defaults[match[1]])}`"
-
-    return QUOTED.sub(quote, text)
+    return QUOTED.sub(lambda match: f"`{match[1]} = {value(defaults[match[1]])}`", text)
 
 
 def with_rows(text: str) -> str:
@@ -104,11 +100,11 @@ def with_rows(text: str) -> str:
 
 def with_metrics(text: str) -> str:
     """A page with its table of metrics up to date."""
-    lines = ["| metric | unit | meaning |", "|---|---|---|"]
-    for metric in METRICS:
-        unit = "share of 1" if metric.rate else metric.unit
-        lines.append(f"| `{metric.name}` | {unit} | {metric.meaning} |")
-    table = "\n".join(lines)
+    table = "| metric | unit | meaning |\n|---|---|---|"
+    for each in METRICS:
+        table += (
+            f"\n| `{each.name}` | {'share of 1' if each.rate else each.unit} | {each.meaning} |"
+        )
     return METRIC_TABLE.sub(lambda _: f"<!-- metrics -->\n\n{table}\n\n<!-- /metrics -->", text)
 
 

@@ -88,14 +88,10 @@ def _soak(found: Any) -> str:
     )
 
 
-def _faults(found: Any) -> str:
-    return f"{found['caught']} of {found['faults']} deliberate faults caught"
-
-
 SAYINGS: dict[str, Callable[[Any], str]] = {
     "resumes": _resumes,
     "kills": _kills,
     "soak": _soak,
-    "faults": _faults,
+    "faults": lambda found: f"{found['caught']} of {found['faults']} deliberate faults caught",
 }
 """By file in `results/trust`, what it says."""

@@ -12,34 +12,22 @@ import time
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import tyro
 
 from lanewise.fields.suggestions import look_up
 from lanewise.report import output_files, provenance
 
-
-class Example(NamedTuple):
-    """What a table says of an example."""
-
-    title: str
-    """For people."""
-    unit: str
-    """What its steps are."""
-    packages: tuple[str, ...]
-    """Those that learn."""
-
-
+SB3 = ("stable-baselines3", "torch")
 EXAMPLES = {
-    "sb3_dqn": Example("Stable-Baselines3's DQN, goals", "goals", ("stable-baselines3", "torch")),
-    "sb3_ppo": Example(
-        "Stable-Baselines3's PPO, continuous", "decisions", ("stable-baselines3", "torch")
-    ),
-    "cleanrl_style_dqn": Example("double DQN in CleanRL's way, flat", "decisions", ("torch",)),
-    "tianshou_double_dqn": Example("Tianshou's double DQN, goals", "goals", ("tianshou", "torch")),
-    "jax_loop": Example("PPO in plain JAX, flat", "decisions", ("jax", "optax")),
+    "sb3_dqn": ("Stable-Baselines3's DQN, goals", "goals", SB3),
+    "sb3_ppo": ("Stable-Baselines3's PPO, continuous", "decisions", SB3),
+    "cleanrl_style_dqn": ("double DQN in CleanRL's way, flat", "decisions", ("torch",)),
+    "tianshou_double_dqn": ("Tianshou's double DQN, goals", "goals", ("tianshou", "torch")),
+    "jax_loop": ("PPO in plain JAX, flat", "decisions", ("jax", "optax")),
 }
+"""By file: title, what its steps are, packages that learn."""
 
 
 def main(
@@ -56,21 +44,21 @@ def main(
         steps: goals or decisions of a training; by default the example's own few.
         seeds: of the trainings.
     """
-    told = look_up("example", example, EXAMPLES)
+    title, unit, learner = look_up("example", example, EXAMPLES)
     module = importlib.import_module(example)
     given = steps or inspect.signature(module.main).parameters["steps"].default
     rows = [_row(module, given, seed) for seed in seeds]
     stored = {
-        "title": told.title,
+        "title": title,
         "example": example,
         "command": f"python examples/record.py {shlex.join(sys.argv[1:])}",
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": provenance.versions() | {name: version(name) for name in told.packages},
-        "learner": list(told.packages),
+        "versions": provenance.versions() | {name: version(name) for name in learner},
+        "learner": list(learner),
         **provenance.source(),
         "machine": provenance.machine(),
         "steps": given,
-        "unit": told.unit,
+        "unit": unit,
         "seeds": rows,
     }
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -16,13 +16,13 @@ TINY = [
     *("--episodes", "3", "--highway-env-episodes", "1"),
     *("--evaluation.validation-episodes", "2", "--planner.preview", "2"),
 ]
-for stage in ("single-level", "high-level", "low-level"):
+for stage in ("high-level", "low-level"):
     TINY += [f"--{stage}.decisions", "100", f"--{stage}.worlds", "2"]
     TINY += [f"--{stage}.learner.hidden", "8", "8", f"--{stage}.learner.warm-up", "50"]
 
 
-def words(out):
-    return ["reproduce", "--out", str(out), *TINY]
+def words(out, arm="hierarchical"):
+    return ["reproduce", "--out", str(out), "--only", arm, *TINY]
 
 
 @pytest.fixture(scope="module")
@@ -40,23 +40,22 @@ def test_it_prints_the_papers_table_with_ours_beside_it_and_leaves_a_report(done
         assert figure in result.stdout
     assert "starts end alike in both worlds" in result.stdout
     assert "[hierarchical, seed 0] step-2: 100%" in result.stderr
-    assert "[2/2]" in result.stderr
+    assert "[1/1]" in result.stderr
     report, page = json.loads((out / "report.json").read_text()), (out / "report.md").read_text()
     assert page.count("|") > 50
     for name in ("curves.png", "curves.svg", "clip.gif"):
         assert (out / name).stat().st_size > 1000
-    for arm in report["arms"]:
-        (seed,) = arm["seeds"]
-        assert arm["median_seed"] == seed["seed"]
-        driven = drives.read(out / "drives" / f"{arm['name']}.npz")
-        assert len(driven) == drives.EPISODES
-        assert {drive.controller for drive in driven} == {arm["controller"]}
-        assert seed["weights"][-1]["stage"] in ("step-2", "single-level")
+    (arm,) = report["arms"]
+    (seed,) = arm["seeds"]
+    assert arm["median_seed"] == seed["seed"]
+    driven = drives.read(out / "drives" / "hierarchical.npz")
+    assert len(driven) == drives.EPISODES
+    assert {drive.controller for drive in driven} == {"hierarchical"}
+    assert seed["weights"][-1]["stage"] == "step-2"
     assert "## Kept and last weights" in page
-    trained_by = [seed["trained_by"] for arm in report["arms"] for seed in arm["seeds"]]
-    assert trained_by == [version.source()] * 2
+    assert seed["trained_by"] == version.source()
     made = page.partition("## How it was made")[2]
-    assert f"\n\n{provenance.trained_by(trained_by)}\n\n" in made
+    assert f"\n\n{provenance.trained_by([seed['trained_by']])}\n\n" in made
 
 
 def test_a_folder_in_use_is_refused(tmp_path, capsys):
@@ -74,12 +73,12 @@ def test_a_complete_folder_and_arms_of_another_trap_are_refused(done, tmp_path, 
     assert "is complete: see" in capsys.readouterr().err
     assert (out / "report.md").read_bytes() == before
     folder = tmp_path / "out"
-    shutil.copytree(out / "runs" / "single-level", folder / "runs" / "single-level")
+    shutil.copytree(out / "runs" / "hierarchical", folder / "runs" / "hierarchical")
     shutil.copy(out / experiment_folder.NAME, folder)
-    assert main([*words(folder), "--only", "hierarchical", "--trap", "trap-10.9"]) == 2
+    assert main([*words(folder, "single-level"), "--trap", "trap-10.9"]) == 2
     said = capsys.readouterr().err
-    assert "single-level/seed-0 was made with other settings: there scenario.trap_speed" in said
-    assert not (folder / "runs" / "hierarchical").exists()
+    assert "hierarchical/seed-0 was made with other settings: there scenario.trap_speed" in said
+    assert not (folder / "runs" / "single-level").exists()
 
 
 @pytest.mark.slow
