@@ -27,7 +27,8 @@ def main() -> None:
     source, name = Path(sys.argv[1]), sys.argv[2]
     runs = [source] if (source / "run.json").exists() else sorted(source.glob("seed-*"))
     found = {run: chosen_by(run) for run in runs}
-    run = max(runs, key=lambda run: last(found[run])["score"])
+    last = {run.name: list(stages.values())[-1] for run, stages in found.items()}
+    run = max(runs, key=lambda run: last[run.name]["score"])
     controller = trained.load(run)
     target = pretrained.PRETRAINED / name
     target.mkdir(parents=True, exist_ok=True)
@@ -38,7 +39,7 @@ def main() -> None:
         "seed": controller.seed,
         "run": json.loads((run / "run.json").read_text()),
         "validation": found[run],
-        "candidates": {run.name: last(stages) for run, stages in found.items()},
+        "candidates": last,
         "tests": {path.stem: json.loads(path.read_text()) for path in run.glob("tests/*.json")},
         **provenance.source(),
         "versions": provenance.versions(),
@@ -61,11 +62,6 @@ def chosen_by(run: Path) -> dict[str, dict[str, Any]]:
         | {"score": weights.score}
         for weights in selected_weights.of_run(metrics_file.read(run / "metrics.jsonl"))
     }
-
-
-def last(stages: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """The figures of the last stage."""
-    return list(stages.values())[-1]
 
 
 if __name__ == "__main__":

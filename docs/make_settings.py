@@ -101,10 +101,9 @@ def with_rows(text: str) -> str:
 def with_metrics(text: str) -> str:
     """A page with its table of metrics up to date."""
     table = "| metric | unit | meaning |\n|---|---|---|"
-    for each in METRICS:
-        table += (
-            f"\n| `{each.name}` | {'share of 1' if each.rate else each.unit} | {each.meaning} |"
-        )
+    for metric in METRICS:
+        unit = "share of 1" if metric.rate else metric.unit
+        table += f"\n| `{metric.name}` | {unit} | {metric.meaning} |"
     return METRIC_TABLE.sub(lambda _: f"<!-- metrics -->\n\n{table}\n\n<!-- /metrics -->", text)
 
 
