@@ -20,41 +20,41 @@ pytestmark = pytest.mark.slow
 
 
 @jax.jit
-def starts(indices):
-    """Worlds at the start."""
+def drive(indices, actions):
+    """(worlds at the start, (episode after, episode before) of every decision).
+
+    Every other ego is in the rightmost lane, where it passes the trap with ease.
+    """
 
     def one(index):
-        return trap.sample(TRAP, trap.start_key(5, "training", index), "training")
-
-    return jax.vmap(one)(indices)
-
-
-@jax.jit
-def drive(worlds, actions):
-    """(episode after, episode before) of every decision; actions int32 [D, W]."""
+        world = trap.sample(TRAP, trap.start_key(5, "training", index), "training")
+        right = jnp.where(index % 2 == 0, world.road.centre[-1], 0.0)
+        return replace(world, vehicles=replace(world.vehicles, y=world.vehicles.y.at[0].set(right)))
 
     def decide(states, chosen):
         step = jax.vmap(lambda state, action: episode.step(DRIVING, state, action, DECISIONS))
         after = step(states, chosen)
         return after, (after, states)
 
-    return jax.lax.scan(decide, jax.vmap(episode.begin)(worlds), actions)[1]
+    worlds = jax.vmap(one)(indices)
+    return worlds, jax.lax.scan(decide, jax.vmap(episode.begin)(worlds), actions)[1]
 
 
 @pytest.fixture(scope="module")
 def actions():
-    """Mostly idle, so that some episodes go on to their end."""
+    """Mostly idle, so that some episodes go on to their end; int32 [D, W]."""
     rng = np.random.default_rng(2)
     wild = rng.random((DECISIONS, COUNT)) < rng.choice([0.05, 0.3, 1.0], COUNT)
-    return jnp.asarray(np.where(wild, rng.integers(0, 9, wild.shape), 4), jnp.int32)
+    return np.where(wild, rng.integers(0, 9, wild.shape), 4).astype(np.int32)
 
 
-def test_success_stays_and_one_ending_ends_an_episode(actions):
-    worlds = starts(jnp.arange(COUNT))
-    # Every other ego is in the rightmost lane, where it passes the trap with ease.
-    right = jnp.where(jnp.arange(COUNT) % 2 == 0, worlds.road.centre[:, -1], 0.0)
-    vehicles = replace(worlds.vehicles, y=worlds.vehicles.y.at[:, 0].set(right))
-    found = jax.tree.map(np.array, drive(replace(worlds, vehicles=vehicles), actions))
+@pytest.fixture(scope="module")
+def whole(actions):
+    return jax.tree.map(np.array, drive(np.arange(COUNT), actions))
+
+
+def test_success_stays_and_one_ending_ends_an_episode(whole):
+    _, found = whole
     ended = found[0].outcome.over.cumsum(axis=0)
     # What comes after an ending is no part of the episode.
     after, before = jax.tree.map(
@@ -81,19 +81,14 @@ def test_success_stays_and_one_ending_ends_an_episode(actions):
     assert kept[:, 1:3].all(), "trap cars keep their speed"
 
 
-@pytest.mark.parametrize("size", [1, 12, 96])
-def test_episodes_are_the_same_in_batches_of_any_size(actions, size):
-    def driven(indices):
-        worlds = starts(indices)
-        return jax.tree.map(
-            np.array, (worlds, drive(worlds, actions[:, indices])[0].world.vehicles)
-        )
-
-    whole, some = driven(jnp.arange(COUNT)), slice(size, 2 * size)
-    part = driven(jnp.arange(COUNT)[some])
+@pytest.mark.parametrize("size", [1, 96])
+def test_episodes_are_the_same_in_batches_of_any_size(whole, actions, size):
+    some = slice(size, 2 * size)
+    worlds, (after, _) = drive(np.arange(COUNT)[some], actions[:, some])
     expected = (
         jax.tree.map(lambda leaf: leaf[some], whole[0]),
-        jax.tree.map(lambda leaf: leaf[:, some], whole[1]),
+        jax.tree.map(lambda leaf: leaf[:, some], whole[1][0].world.vehicles),
     )
-    for mine, its in zip(jax.tree.leaves(part), jax.tree.leaves(expected), strict=True):
+    found = (worlds, after.world.vehicles)
+    for mine, its in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
         np.testing.assert_array_equal(mine, its)

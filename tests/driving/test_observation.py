@@ -25,9 +25,7 @@ def world_of(x, y, speed, heading=0.0, lanes=3):
     """Vehicles as listed, the first one the ego, the others at constant commands."""
     lane = np.clip(np.round(np.asarray(y) / 4.0), 0, lanes - 1)
     kinds = [0] + [1] * (len(x) - 1)
-    return make_world(
-        x, lane, speed, y=y, kinds=kinds, heading=heading, lanes=lanes, size=COUNT
-    )  # fmt: skip
+    return make_world(x, lane, speed, y=y, kinds=kinds, heading=heading, lanes=lanes, size=COUNT)
 
 
 def rows_of(features):

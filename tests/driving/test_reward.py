@@ -27,17 +27,9 @@ def total(speed, offset=0.0, angle=0.0, accident=False, settings=PAPER):
 
 
 def test_speed_term_is_equation_3():
-    for v in np.linspace(-5.0, 25.0, 301):
-        expected = paper_speed_term(np.float32(v))
-        assert float(reward.speed(jnp.float32(v))) == pytest.approx(expected, abs=1e-6)
-
-
-@pytest.mark.parametrize(("v", "value"), [(5.0, 0.0), (12.5, 0.2), (15.0, 1.0)])
-def test_speed_term_is_continuous_where_zones_meet(v, value):
-    below, at, above = (float(reward.speed(jnp.float32(v + step))) for step in (-1e-4, 0.0, 1e-4))
-    assert at == pytest.approx(value, abs=1e-6)
-    assert below == pytest.approx(at, abs=1e-4)
-    assert above == pytest.approx(at, abs=1e-4)
+    speeds = np.append(np.linspace(-5.0, 25.0, 301), [5.0, 12.5, 15.0]).astype(np.float32)
+    expected = [paper_speed_term(v) for v in speeds]
+    np.testing.assert_allclose(reward.speed(jnp.asarray(speeds)), expected, atol=1e-6)
 
 
 def test_totals_in_closed_form():
@@ -66,14 +58,3 @@ def test_each_term_has_its_own_weight():
 def test_an_accident_replaces_the_reward():
     assert total(15.0, accident=True) == -10.0
     assert total(0.0, 2.0, 0.1, accident=True, settings=RewardSettings(accident_penalty=3.0)) == -3
-
-
-def test_reward_without_an_accident_stays_in_its_documented_bounds():
-    values = [
-        total(v, d, a)
-        for v in (-1.0, 0.0, 5.0, 15.0, 30.0)
-        for d in (0.0, 2.0)
-        for a in (0, pi / 50)
-    ]
-    assert max(values) <= 1.0
-    assert min(values) >= -0.06 * 0.05 / 1.6 * 1.05

@@ -6,15 +6,12 @@ import jax
 import numpy as np
 import parity_names
 import pytest
-from highway_env.road.lane import SineLane, StraightLane
-from highway_env.vehicle.objects import Landmark
 from parity_compare import at, errors_but_flags, errors_of
 from parity_drive import commanded, compare, drive, follow
-from parity_environments import default_env, draw, make
+from parity_environments import draw, make
 from parity_states import fit, paper_traffic
 
 import parity
-from lanewise.errors import SettingsError
 from lanewise.interop.highway_env import build_env, read_world
 
 ROOM, LANES = parity.RUN_ROOM, 8
@@ -52,29 +49,6 @@ def test_a_free_run_of_paper_traffic():
 @pytest.mark.parametrize("run", [parity.paper_run, parity.default_run])
 def test_free_runs(run, number):
     assert run(2, number, None)["exceptions"] == []
-
-
-def curved(env):
-    lane = SineLane([0.0, 16.0], [10_000.0, 16.0], 1, 0.1, 0)
-    env.road.network.add_lane("0", "1", lane)
-
-
-def oblique(env):
-    lane = StraightLane([0.0, 16.0], [10_000.0, 40.0])
-    env.road.network.add_lane("0", "1", lane)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [curved, oblique, lambda env: env.road.objects.append(Landmark(env.road, [300.0, 4.0]))],
-)
-def test_what_is_not_represented_is_refused(change):
-    """More is in ``tests/world/test_refusals.py``."""
-    env = default_env(0)
-    read_world(env)
-    change(env)
-    with pytest.raises(SettingsError):
-        read_world(env)
 
 
 def test_every_rate_and_every_number_of_lanes_is_drawn():

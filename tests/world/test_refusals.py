@@ -1,3 +1,5 @@
+"""What our world does not represent is refused by name, when highway-env is read or built."""
+
 import re
 
 import gymnasium as gym
@@ -6,13 +8,8 @@ import pytest
 from highway_env.envs import HighwayEnv, MergeEnv
 from highway_env.road.lane import StraightLane
 from highway_env.road.regulation import RegulatedRoad
-from highway_env.vehicle.behavior import (
-    AggressiveVehicle,
-    DefensiveVehicle,
-    IDMVehicle,
-    LinearVehicle,
-)
-from highway_env.vehicle.controller import ControlledVehicle, MDPVehicle
+from highway_env.vehicle.behavior import IDMVehicle, LinearVehicle
+from highway_env.vehicle.controller import ControlledVehicle
 from highway_env.vehicle.dynamics import BicycleVehicle
 from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Obstacle
@@ -42,14 +39,20 @@ def several(count, kind="MultiAgentAction"):
     return live(action=action, controlled_vehicles=count, vehicles_count=2 * count)
 
 
-def with_class(base, **defined):
-    """Another vehicle on the road, of a class of its own."""
-
-    return lambda env: with_vehicle(type("Own", (base,), defined))(env)
+def in_another_order():
+    env = several(2)
+    env.controlled_vehicles.reverse()
+    env.define_spaces()
+    return env
 
 
 def with_vehicle(kind):
     return lambda env: env.road.vehicles.append(kind(env.road, [300, 0], 0, 20))
+
+
+def with_class(base, **defined):
+    """Another vehicle on the road, of a class of its own."""
+    return with_vehicle(type("Own", (base,), defined))
 
 
 def with_attribute(name, value, which=1):
@@ -66,22 +69,25 @@ def with_config(**config):
 
 
 def with_lanes(count):
-    def change(env):
+    def more(env):
         for lane in range(4, count):
             env.road.network.add_lane("0", "1", StraightLane([0, 4 * lane], [1e4, 4 * lane]))
 
-    return change
+    return more
 
 
-def with_road(kind):
-    def change(env):
-        env.road.__class__ = kind
+def with_class_of(part, base, **defined):
+    """The environment or its road as one of a class of its own."""
 
-    return change
+    def other(env):
+        changed = env if part == "env" else env.road
+        changed.__class__ = type("Own", (base,), defined) if defined else base
+
+    return other
 
 
-def with_own_step(env):
-    env.__class__ = type("OwnEnv", (HighwayEnv,), {"step": lambda env, action: None})
+def nothing(*args, **kwargs):
+    return None
 
 
 def with_unlimited_lane_and_negative_speed(env):
@@ -89,17 +95,10 @@ def with_unlimited_lane_and_negative_speed(env):
     with_attribute("target_speed", -5.0)(env)
 
 
-def nothing(*args, **kwargs):
-    return None
-
-
-def own_property(name):
-    return {name: property(lambda self: 0, nothing)}
-
-
+PROPERTY = property(lambda self: 0, nothing)
 REFUSED = {
     # The environment and its actions.
-    "own step": (with_own_step, "OwnEnv with its own step"),
+    "own step": (with_class_of("env", HighwayEnv, step=nothing), "Own with its own step"),
     "patched _simulate": (lambda env: setattr(env, "_simulate", nothing), "_simulate"),
     "no ticks": (with_config(policy_frequency=20), "0 ticks"),
     "no rate": (with_config(policy_frequency=0), "0 ticks"),
@@ -111,7 +110,9 @@ REFUSED = {
     ),
     "twice on the road": (lambda env: env.road.vehicles.append(env.vehicle), "twice on the road"),
     # The road.
-    "regulated road": (with_road(RegulatedRoad), "RegulatedRoad with its own step"),
+    "regulated road": (
+        with_class_of("road", RegulatedRoad), "RegulatedRoad with its own step"
+    ),
     "patched road": (lambda env: setattr(env.road, "neighbour_vehicles", nothing), "neighbour_veh"),
     "patched network": (lambda env: setattr(env.road.network, "side_lanes", nothing), "side_lanes"),
     "obstacles": (lambda env: env.road.objects.append(Obstacle(env.road, [50, 0])), "obstacles"),
@@ -125,42 +126,24 @@ REFUSED = {
     "speed limit of nan": (with_lane("speed_limit", float("nan")), "speed_limit"),
     "negative speed without limit": (with_unlimited_lane_and_negative_speed, "negative target"),
     # Classes of vehicles.
-    **{
-        kind.__name__: (with_vehicle(kind), f"a {kind.__name__} {message}")
-        for kind, message in {
-            LinearVehicle: "with its own act, steering_control, acceleration cannot",
-            AggressiveVehicle: "with its own act, steering_control, acceleration cannot",
-            DefensiveVehicle: "with its own act, steering_control, acceleration cannot",
-            ControlledVehicle: "cannot be read; use Vehicle or IDMVehicle",
-            MDPVehicle: "cannot be read; use Vehicle or IDMVehicle",
-            BicycleVehicle: "with its own step, clip_actions",
-        }.items()
-    },
+    "linear": (with_vehicle(LinearVehicle), "LinearVehicle with its own act, steering_control"),
+    "controlled": (with_vehicle(ControlledVehicle), "cannot be read; use Vehicle or IDMVehicle"),
+    "bicycle": (with_vehicle(BicycleVehicle), "BicycleVehicle with its own step, clip_actions"),
     **{
         f"class with {name}": (with_class(base, **{name: value}), f"its own {name}")
         for base, name, value in (
             (Vehicle, "MAX_SPEED", 20.0),
-            (IDMVehicle, "MIN_SPEED", 0.0),
             (IDMVehicle, "KP_LATERAL", 1.0),
-            (IDMVehicle, "KP_HEADING", 1.0),
             (Vehicle, "clip_actions", nothing),
-            (IDMVehicle, "on_state_update", nothing),
             (IDMVehicle, "velocity", property(lambda self: np.zeros(2))),
-            (IDMVehicle, "lane_distance_to", nothing),
-            (Vehicle, "handle_collisions", nothing),
-            (IDMVehicle, "desired_gap", nothing),
             (Vehicle, "polygon", nothing),
             (IDMVehicle, "__bool__", lambda self: False),
             (IDMVehicle, "__getattr__", nothing),
+            (IDMVehicle, "DELTA", PROPERTY),
+            (Vehicle, "target_speed", PROPERTY),
+            (IDMVehicle, "timer", PROPERTY),
         )
     },
-    "class with a property of DELTA": (
-        with_class(IDMVehicle, **own_property("DELTA")), "its own DELTA"
-    ),
-    "class with target_speed": (
-        with_class(Vehicle, **own_property("target_speed")), "its own target_speed"
-    ),
-    "class with timer": (with_class(IDMVehicle, **own_property("timer")), "its own timer"),
     # Vehicles.
     "own top speed": (with_attribute("MAX_SPEED", 20.0, 0), "its own MAX_SPEED"),
     "patched vehicle": (with_attribute("mobil", nothing), "its own mobil"),
@@ -190,49 +173,34 @@ def test_what_is_not_represented_is_refused_by_name(env, change, message):
         read_world(env)
 
 
+def continuous(**more):
+    return live(action={"type": "ContinuousAction"} | more)
+
+
+WORKS = re.escape('config={"action": {"type": "DiscreteAction"}}, or "ContinuousAction"')
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: continuous(speed_range=(0, 20)), "speed_range"),
+        (lambda: continuous(dynamical=True), "BicycleVehicle"),
+        (lambda: HighwayEnv(config={"vehicles_count": 1}), f"DiscreteMetaAction.*{WORKS}"),
+        (lambda: several(2, "DiscreteAction"), "drive 1 of 2"),
+        (in_another_order, "another order"),
+        (lambda: gym.make("CartPole-v1"), "CartPole"),
+        (lambda: MergeEnv(config={"action": {"type": "DiscreteAction"}}), "roads"),
+    ],
+)
+def test_environments_that_are_not_represented(make, message):
+    with pytest.raises(SettingsError, match=message):
+        read_world(make())
+
+
 def test_classes_of_highway_env_changed_in_place(env, monkeypatch):
     monkeypatch.setattr(Vehicle, "MAX_SPEED", 20.0)
     with pytest.raises(SettingsError, match="its own MAX_SPEED"):
         read_world(env)
-
-
-def test_a_speed_range_of_the_actions():
-    with pytest.raises(SettingsError, match="speed_range"):
-        read_world(live(action={"type": "ContinuousAction", "speed_range": (0, 20)}))
-
-
-def test_the_default_actions_are_refused_with_those_that_work():
-    works = re.escape('config={"action": {"type": "DiscreteAction"}}, or "ContinuousAction"')
-    with pytest.raises(SettingsError, match=f"DiscreteMetaAction.*{works}"):
-        read_world(HighwayEnv(config={"vehicles_count": 1}))
-
-
-def test_dynamics_of_the_action():
-    with pytest.raises(SettingsError, match="BicycleVehicle"):
-        read_world(live(action={"type": "ContinuousAction", "dynamical": True}))
-
-
-def test_several_controlled_vehicles_of_which_one_is_driven():
-    with pytest.raises(SettingsError, match="drive 1 of 2"):
-        read_world(several(2, "DiscreteAction"))
-
-
-def test_controlled_vehicles_in_another_order():
-    env = several(2)
-    env.controlled_vehicles.reverse()
-    env.define_spaces()
-    with pytest.raises(SettingsError, match="another order"):
-        read_world(env)
-
-
-def test_environments_of_other_packages():
-    with pytest.raises(SettingsError, match="CartPole"):
-        read_world(gym.make("CartPole-v1"))
-
-
-def test_a_road_that_is_no_straight_road():
-    with pytest.raises(SettingsError, match="roads"):
-        read_world(MergeEnv(config={"action": {"type": "DiscreteAction"}}))
 
 
 def test_what_is_known_is_accepted(env):
@@ -248,6 +216,7 @@ def test_what_is_known_is_accepted(env):
         def greet(self):
             return self.nickname
 
+    with_vehicle(Vehicle)(env)
     own = Own.create_random(env.road)
     own.randomize_behavior()
     own.color = (1, 2, 3)
@@ -256,6 +225,7 @@ def test_what_is_known_is_accepted(env):
     with_lane("speed_limit", None)(env)
     with_lanes(31)(env)
     world = read_world(env)
+    assert world.drivers.kind.tolist() == [0, 2, 2, 2, 1, 2]
     assert world.drivers.length[-1] == 9.0
     assert world.drivers.politeness[-1] == 0.3
     assert world.road.speed_limit[1] == np.inf
@@ -277,30 +247,19 @@ def test_every_driven_vehicle_is_external_and_driven_in_the_twin(count):
     assert read_world(twin).drivers.kind.tolist() == world.drivers.kind.tolist()
 
 
-def test_an_ego_that_is_not_first_is_driven_in_the_twin():
-    twin = build_env(make_world([0, 50], [0, 0], kinds=[RULE_BASED, EXTERNAL]))
+def test_worlds_that_cannot_be_built_or_tested():
+    def of(*kinds):
+        return make_world([0, 50], [0, 0], kinds=kinds)
+
+    twin = build_env(of(RULE_BASED, EXTERNAL))
     assert twin.vehicle is twin.road.vehicles[1]
-
-
-@pytest.mark.parametrize("kinds", [[EXTERNAL, EXTERNAL], [RULE_BASED, EXTERNAL]])
-def test_the_tests_drive_vehicle_0_alone(kinds):
-    with pytest.raises(SettingsError, match="only vehicle 0"):
-        highway_env_evaluation.live(DrivingSettings(), make_world([0, 50], [0, 0], kinds=kinds), 50)
-
-
-def test_worlds_that_cannot_be_built():
-    world = make_world([0, 50], [0, 0])
+    world = of(EXTERNAL, RULE_BASED)
     with pytest.raises(SettingsError, match="0 ticks"):
         build_env(world, simulation_frequency=1, decision_frequency=2)
     with pytest.raises(SettingsError, match="slip_limit"):
         build_env(change(world, "drivers", slip_limit=1.0))
-
-
-def test_an_ego_that_nobody_drives():
     with pytest.raises(SettingsError, match="no vehicle is driven"):
-        build_env(make_world([0, 50], [0, 0], kinds=[CONSTANT, RULE_BASED]))
-
-
-def test_plain_vehicles_are_read(env):
-    env.road.vehicles.append(Vehicle(env.road, [300, 0], 0, 20))
-    assert read_world(env).drivers.kind.tolist() == [0, 2, 2, 2, 1]
+        build_env(of(CONSTANT, RULE_BASED))
+    for kinds in ((EXTERNAL, EXTERNAL), (RULE_BASED, EXTERNAL)):
+        with pytest.raises(SettingsError, match="only vehicle 0"):
+            highway_env_evaluation.live(DrivingSettings(), of(*kinds), 50)
