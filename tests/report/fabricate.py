@@ -60,20 +60,18 @@ def make_recording(accident: int = 0, goals: bool = True, seconds: float = 25.0)
 
 
 def make_rows() -> list[dict]:
+    """Metrics of the chunks of three stages."""
     rng = np.random.default_rng(0)
     rows = []
-    for stage, final in (("single-level", 2.0), ("high-level", 97.0), ("hierarchical", 94.0)):
+    for stage, final in (("single-level", 0.02), ("high-level", 0.97), ("hierarchical", 0.94)):
         for i in range(1, 101):
-            share = 1.0 / (1.0 + np.exp(-(i - 45) / 8))
-            done = final / 100.0 * share
+            done = final / (1.0 + np.exp(-(i - 45) / 8))
             rows.append(
                 {
                     "stage": stage,
                     "decisions": 1000 * i,
-                    "episodes": 6 * i,
                     "escape_rate": float(np.clip(done + 0.02 * (i % 5), 0, 1)),
                     "success_rate": float(np.clip(done + 0.1 * rng.normal(), 0, 1)),
-                    "accident_rate": 0.1,
                     "reward": None if i < 3 else float(20 + 30 * done + 3 * rng.normal()),
                     "speed": float(10 + 3 * done + 0.3 * rng.normal()),
                     "epsilon": max(0.5 - 0.48 * i / 32, 0.02),
@@ -82,30 +80,22 @@ def make_rows() -> list[dict]:
     return rows
 
 
-def make_training(lengths: tuple[int, ...] = (80, 60), final: float = 0.9) -> list[list[dict]]:
+def make_training(lengths: tuple[int, ...] = (80, 60)) -> list[list[dict]]:
     """Finished training episodes of several seeds."""
     seeds = []
     for seed, length in enumerate(lengths):
-        rng = np.random.default_rng(seed)
-        share = 1.0 / (1.0 + np.exp(-(np.arange(length) - 25) / 6))
-        success = rng.random(length) < final * share
-        # In every fourth episode past the trap there is an accident later.
-        escaped = success | (np.arange(length) % 4 == 3)
-        seeds.append(
-            [
-                {
-                    "kind": "episode",
-                    "stage": "step-2",
-                    "episode": number + 1,
-                    "escaped": bool(escaped[number]),
-                    "success": bool(success[number]),
-                    "reward": float(20 + 30 * success[number] + rng.normal()),
-                    "timestep_reward": float(10 + 15 * success[number] + rng.normal()),
-                    "speed": float(10 + 3 * success[number] + 0.2 * rng.normal()),
-                }
-                for number in range(length)
-            ]
-        )
+        rng, number = np.random.default_rng(seed), np.arange(length)
+        success = rng.random(length) < 0.9 / (1.0 + np.exp(-(number - 25) / 6))
+        columns = {
+            # In every fourth episode past the trap there is an accident later.
+            "escaped": success | (number % 4 == 3),
+            "success": success,
+            "reward": 20 + 30 * success + rng.normal(size=length),
+            "timestep_reward": 10 + 15 * success + rng.normal(size=length),
+            "speed": 10 + 3 * success + 0.2 * rng.normal(size=length),
+        }
+        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+        seeds.append([dict(zip(columns, row, strict=True)) for row in rows])
     return seeds
 
 
@@ -127,22 +117,9 @@ def make_episodes(successes: int = 293, total: int = 300) -> Episodes:
 
 
 def make_arm(title: str, controller: str, successes: list[int], **more) -> ArmFigures:
-    """An arm whose seeds succeed in so many of 100 episodes; their reward is a tenth of that."""
-    tests, zero = [], np.zeros(100)
-    for count in successes:
-        won = np.arange(100) < count
-        episodes = Episodes(
-            success=won,
-            accident=zero.astype(np.int8),
-            accumulated_reward=zero + count / 10,
-            average_speed=zero + 13.0,
-            travel_distance=zero + 325.0,
-            duration=zero + 25.0,
-            escape_time=np.where(won, 9.0, np.nan),
-            goals=zero.astype(int),
-            goals_timed_out=zero.astype(int),
-        )
-        tests.append(summarise(episodes, controller=controller, world="lanewise"))
+    """An arm whose seeds succeed in so many of 100 episodes."""
+    episodes = [make_episodes(count, 100) for count in successes]
+    tests = [summarise(each, controller=controller, world="lanewise") for each in episodes]
     alike = {"unlike_paper": "", "unlike_papers_training": ""}
     seeds = range(len(successes))
     return ArmFigures(title, controller, seeds, {"lanewise": tests}, **alike | more)

@@ -41,11 +41,14 @@ def test_missing_package_says_what_to_install(monkeypatch):
         ("x" * 256, "File name too long"),
     ],
 )
-def test_what_cannot_be_written_is_refused_beforehand(tmp_path, place, said):
+def test_what_cannot_be_written_is_refused_beforehand(tmp_path, place, said, monkeypatch):
     (tmp_path / "file").write_text("kept")
     with pytest.raises(LanewiseError, match=f"cannot write .*{said}"):
         output_files.check_writable(tmp_path / place)
-    output_files.check_writable(tmp_path / "new" / "folder" / "a.csv")
+    output_files.check_writable(tmp_path / "new" / "folder" / "a.csv", tmp_path / "a.csv")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(LanewiseError, match="is named for two results; give each its own file"):
+        output_files.check_writable("a.md", tmp_path / "new" / ".." / "a.md")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
@@ -63,13 +66,6 @@ def test_nothing_is_written_into_a_run(tmp_path):
     assert {path.name for path in run.rglob("*")} == {"stages", "run.json"}
     (tmp_path / "run.json").write_text('{"runner": "mine"}')
     output_files.check_writable(tmp_path / "a.csv")
-
-
-def test_one_file_holds_one_result(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(LanewiseError, match="is named for two results; give each its own file"):
-        output_files.check_writable("a.md", tmp_path / "new" / ".." / "a.md")
-    output_files.check_writable("a.md", "a.csv")
 
 
 def test_files_are_written_beside_and_a_failure_leaves_no_trace(tmp_path):

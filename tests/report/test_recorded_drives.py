@@ -4,7 +4,6 @@ from dataclasses import fields
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from fabricate import make_recording
 
 from lanewise.evaluation.episodes import Recording
@@ -29,21 +28,17 @@ def test_what_is_read_is_what_was_driven_to_half_a_centimetre(tmp_path):
             np.testing.assert_allclose(after, before, rtol=1e-6, atol=within)
 
 
-def seed(number, success, reward):
-    values = {"success_rate": success, "accumulated_reward": reward}
-    test = SimpleNamespace(summary=SimpleNamespace(values=values))
-    return SimpleNamespace(job=SimpleNamespace(seed=number), tests={"lanewise": test})
-
-
-@pytest.mark.parametrize(
-    ("figures", "median"),
-    [
+def test_the_median_seed_is_in_the_middle_by_success_then_reward():
+    for figures, median in (
         ([(0.0, 3.0)], 0),
         ([(1.0, 9.0), (0.5, 20.0), (0.9, 1.0)], 2),
         ([(1.0, 9.0), (1.0, 8.0), (1.0, 7.0)], 1),
         ([(1.0, 9.0), (1.0, 8.0)], 1),
-    ],
-)
-def test_the_median_seed_is_in_the_middle_by_success_then_reward(figures, median):
-    seeds = [seed(number, *each) for number, each in enumerate(figures)]
-    assert drives.median_seed(seeds).job.seed == median
+    ):
+        seeds = []
+        for number, (success, reward) in enumerate(figures):
+            values = {"success_rate": success, "accumulated_reward": reward}
+            test = SimpleNamespace(summary=SimpleNamespace(values=values))
+            job = SimpleNamespace(seed=number)
+            seeds.append(SimpleNamespace(job=job, tests={"lanewise": test}))
+        assert drives.median_seed(seeds).job.seed == median

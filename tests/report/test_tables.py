@@ -44,23 +44,16 @@ def test_published_stands_only_beside_the_papers_own_test(make):
     assert LEFT_OUT not in make([make_test("mine", unlike_paper=why)])
 
 
-def test_a_test_as_markdown_is_a_rectangle():
-    table = evaluation_table.markdown(SUMMARIES)
-    lines = [line for line in table.splitlines() if line.startswith("|")]
-    assert len({line.count("|") for line in lines}) == 1
-    assert "| success (paper), % | 0.00 (0.0, 1.2) | 97.67 (95.3, 99.1) |" in lines[3]
-    assert any(line.startswith("| success, % | - | 97.67 (95.3, 99.1) |") for line in lines)
-
-
-def test_a_test_as_text_fits_a_terminal():
+def test_a_test_is_a_rectangle_that_fits_a_terminal():
+    rows = [line for line in evaluation_table.markdown(SUMMARIES).splitlines() if line[:1] == "|"]
+    assert len({row.count("|") for row in rows}) == 1
+    assert "| success (paper), % | 0.00 (0.0, 1.2) | 97.67 (95.3, 99.1) |" in rows[3]
+    assert any(row.startswith("| success, % | - | 97.67 (95.3, 99.1) |") for row in rows)
     shown = evaluation_table.text(SUMMARIES)
     assert max(map(len, shown.splitlines())) <= 80
-    assert "331.6" in shown
-    assert "off road" in shown
-    assert "[" not in shown
-
-
-def test_unknown_values_are_dashes():
+    for word, stands in (("331.6", True), ("off road", True), ("[", False)):
+        assert (word in shown) is stands
+    # Unknown values are dashes.
     unknown, known = make_test("mine"), make_test("mine", "highway-env")
     unknown.values["escape_time"] = math.nan
     lines = evaluation_table.text([unknown, known]).splitlines()
@@ -156,11 +149,10 @@ def test_what_was_run_is_said_arm_by_arm():
         {"decisions": 1000, "episodes": 10, "updates": 120, "seconds": 60.0},
         {"decisions": 1000, "episodes": 14, "updates": 130, "seconds": 90.0},
     ]
-    rows = cells(experiment_tables.effort([dataclasses.replace(OURS, effort=took), FLAT]))
-    assert rows[1][2:7] == ["1,000", "12", "125", "0.125", "1.2"]
+    _, ours, flat = cells(experiment_tables.effort([dataclasses.replace(OURS, effort=took), FLAT]))
+    assert ours[2:] == ["1,000", "12", "125", "0.125", "1.2", "100"]
     # A reference driver was never trained.
-    assert rows[2][2:7] == ["-"] * 5
-    assert rows[1][-1] == "100"
+    assert flat[2:7] == ["-"] * 5
 
 
 # Comparisons of runs.
@@ -201,26 +193,20 @@ def test_a_comparison_as_text_fits_a_terminal(page):
     assert comparison_page.to_json(other)["scenario_of"] == "runs/b0"
 
 
-def test_runs_stand_with_their_intervals_shares_before_means(page):
-    heads, rows = blocks(page, "Runs")
+def test_blocks_of_a_comparison(page):
+    heads, runs = blocks(page, "Runs")
     assert heads == [
         ["success", "(paper)", "success", "accidents"],
         ["reward", "speed", "distance"],
     ]
-    assert rows[0] == ["A", "97.67", "97.67", "2.33"]
-    assert rows[1][:2] == ["(95.3,", "99.1)"]
-    assert [row[0] for row in rows[::2]] == ["A", "B", "C", "D"]
-
-
-def test_differences_stand_with_discordant_pairs_and_p(page):
-    _, rows = blocks(page, "Minus A, start by start")
-    assert rows[0] == ["B", "+2.33", "+2.33", "-2.33"]
-    assert rows[1] == ["+7", "-0", "+7", "-0", "+0", "-7"]
-    assert rows[2] == ["p", "0.016"] * 3
-    assert rows[5] == ["p", "<0.001"] * 3
-
-
-def test_arms_and_chances(page):
+    assert runs[0] == ["A", "97.67", "97.67", "2.33"]
+    assert runs[1][:2] == ["(95.3,", "99.1)"]
+    assert [row[0] for row in runs[::2]] == ["A", "B", "C", "D"]
+    _, differences = blocks(page, "Minus A, start by start")
+    assert differences[0] == ["B", "+2.33", "+2.33", "-2.33"]
+    assert differences[1] == ["+7", "-0", "+7", "-0", "+0", "-7"]
+    assert differences[2] == ["p", "0.016"] * 3
+    assert differences[5] == ["p", "<0.001"] * 3
     _, means = blocks(page, "Interquartile mean over the seeds of an arm")
     assert means[0] == ["1", "98.83", "98.83", "1.17"]
     assert means[1][:2] == ["(97.7,", "100.0)"]
