@@ -247,7 +247,6 @@ def altered(path, place, change):
         ("planned", "about", np.zeros(3, np.float32), "Expecting"),
         ("planned", ("version",), 2, "version 2, written by lanewise '"),
         ("planned", ("memory",), "all", "unknown memory type"),
-        ("planned", ("seed",), float("nan"), "NaN is no number"),
         ("planned", ("goals", "lifetime"), "long", "ufunc"),
         ("planned", ("goals", "moves"), [[0, 0]], "chooses among 5, not 1"),
         ("planned", ("levels",), {"low_level": 2}, "lacks 'high_level'"),
