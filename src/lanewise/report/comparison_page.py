@@ -67,7 +67,7 @@ def text(page: ComparisonPage) -> str:
     """The comparison for a terminal of 80 columns."""
     width = max(len(one_line(run.name)) for run in page.comparison.runs)
     runs = [
-        f"{letter(index):<2} {one_line(run.name):<{width}}  {run.controller}, seed {run.seed}"
+        f"{_letter(index):<2} {one_line(run.name):<{width}}  {run.controller}, seed {run.seed}"
         for index, run in enumerate(page.comparison.runs)
     ]
     parts = ["\n".join(one_line(line) for line in runs + _arms(page.comparison)), _test(page) + "."]
@@ -85,7 +85,7 @@ def text(page: ComparisonPage) -> str:
 def markdown(page: ComparisonPage) -> str:
     """The comparison as a Markdown page."""
     runs = [
-        f"- {letter(index)}: {code(run.name)} ({cell(f'{run.controller}, seed {run.seed}')})"
+        f"- {_letter(index)}: {code(run.name)} ({cell(f'{run.controller}, seed {run.seed}')})"
         for index, run in enumerate(page.comparison.runs)
     ]
     arms = [f"- {cell(line)}" for line in _arms(page.comparison)]
@@ -146,21 +146,21 @@ def to_csv(page: ComparisonPage) -> str:
     return out.getvalue()
 
 
-def letter(index: int) -> str:
+def _letter(index: int) -> str:
     """A run's short name: A to Z, then AA, AB and so on."""
     before, last = divmod(index, 26)
-    return (letter(before - 1) if before else "") + chr(ord("A") + last)
+    return (_letter(before - 1) if before else "") + chr(ord("A") + last)
 
 
 def _sections(comparison: Comparison) -> list[Section]:
     """The tables: runs, differences to the first, and over seeds where an arm has several."""
     units = [unit(metric) for metric in SHOWN]
     runs = [
-        [letter(i), *(tables.with_interval(m, each).replace(" (", "\n(") for m in SHOWN)]
+        [_letter(i), *(tables.with_interval(m, each).replace(" (", "\n(") for m in SHOWN)]
         for i, each in enumerate(comparison.summaries)
     ]
     differences = [
-        [letter(i), *(_difference(metric, found[metric.name]) for metric in SHOWN)]
+        [_letter(i), *(_difference(metric, found[metric.name]) for metric in SHOWN)]
         for i, found in enumerate(comparison.differences, 1)
     ]
     found = [Section("Runs", units, runs), Section("Minus A, start by start", units, differences)]
@@ -203,7 +203,7 @@ def _plain(figures: Mapping[str, Estimate | Difference]) -> dict[str, Any]:
 
 def _arms(comparison: Comparison) -> list[str]:
     arms = enumerate(comparison.arms if comparison.has_seeds else (), 1)
-    return [f"arm {number}: {' '.join(map(letter, arm.runs))}" for number, arm in arms]
+    return [f"arm {number}: {' '.join(map(_letter, arm.runs))}" for number, arm in arms]
 
 
 def _test(page: ComparisonPage) -> str:
@@ -218,7 +218,7 @@ def _settings(page: ComparisonPage) -> list[str]:
     for name, values in page.settings.items():
         runs: dict[str, list[str]] = {}
         for index, value in enumerate(values):
-            runs.setdefault(show(value), []).append(letter(index))
+            runs.setdefault(show(value), []).append(_letter(index))
         held = ", ".join(f"{value} ({' '.join(letters)})" for value, letters in runs.items())
         lines.append(f"{name}: {held}")
     return lines or ["none"]

@@ -22,7 +22,7 @@ TIMED_OUT: Look = {"marker": "x", "markersize": 6.5, "markeredgewidth": 1.7, "co
 Indices = NDArray[np.int64]
 
 
-class Events(NamedTuple):
+class _Events(NamedTuple):
     """Frames of a recording at whose end a goal was set, found reached or given up.
 
     That is the frame before the one in which the recording's counts and goal have changed.
@@ -47,7 +47,7 @@ def draw(recording: Recording) -> Figure:
         raise LanewiseError("a recording without a decision has no goals to draw")
     if (recording.goal_lane < 0).all():
         raise LanewiseError(f"{recording.controller} sets no goals; there is nothing to draw")
-    found = events(recording)
+    found = _events(recording)
     figure = Figure(figsize=(style.WIDTH, 4.6), layout="constrained")
     across, speed = style.panels(figure, 2)
     _lanes(across, recording)
@@ -62,16 +62,13 @@ def draw(recording: Recording) -> Figure:
     return figure
 
 
-def events(recording: Recording) -> Events:
-    """When goals were set, reached and given up.
-
-    A goal set again unchanged, while the one before had not ended, leaves no trace.
-    """
+def _events(recording: Recording) -> _Events:
+    """A goal set again unchanged, while the one before had not ended, leaves no trace."""
     ended, timed_out = np.diff(recording.goals_ended), np.diff(recording.goals_timed_out)
     moved = (np.diff(recording.goal_lane) != 0) | (np.diff(recording.goal_speed) != 0.0)
     fresh = moved | (ended > 0)
     fresh[0] = True
-    return Events(*map(np.flatnonzero, (fresh, ended > timed_out, timed_out > 0)))
+    return _Events(*map(np.flatnonzero, (fresh, ended > timed_out, timed_out > 0)))
 
 
 def _lanes(axes: Axes, recording: Recording) -> None:
@@ -89,7 +86,7 @@ def _lanes(axes: Axes, recording: Recording) -> None:
         axes.text(1.006, y, f"lane {number}", fontsize="small", color=style.MUTED, **place)
 
 
-def _track(axes: Axes, recording: Recording, goal: Floats, ego: Floats, found: Events) -> None:
+def _track(axes: Axes, recording: Recording, goal: Floats, ego: Floats, found: _Events) -> None:
     time = recording.time
     # The goal of a frame held throughout the decision that ended there.
     style.curve(axes, time, goal, GOAL, drawstyle="steps-pre", zorder=2)
@@ -104,12 +101,14 @@ def _track(axes: Axes, recording: Recording, goal: Floats, ego: Floats, found: E
         axes.plot(time[-1], ego[-1], **WRECK, zorder=6)
 
 
-def _key(recording: Recording, found: Events) -> list[Line2D]:
+def _key(recording: Recording, found: _Events) -> list[Line2D]:
     handles = [
         Line2D([], [], color=EGO.colour, linewidth=style.DRAWN, label="ego"),
         Line2D([], [], color=GOAL.colour, ls=GOAL.dashes, lw=style.DRAWN, label="goal"),
     ]
-    for event, frames, marker in zip(Events._fields, found, (SET, REACHED, TIMED_OUT), strict=True):
+    for event, frames, marker in zip(
+        _Events._fields, found, (SET, REACHED, TIMED_OUT), strict=True
+    ):
         label = f"goal {event.replace('_', ' ')} ({len(frames)})"
         handles.append(Line2D([], [], linestyle="", label=label, **marker))
     if recording.escaped.any():

@@ -21,23 +21,21 @@ PANELS = (
     ("reward", "instant reward,\nof a decision"),
     ("accumulated_reward", "accumulated reward,\none a second"),
 )
-"""Field of `Profile`, and label."""
+"""Field of a profile, and label."""
 
 
 @dataclass(frozen=True)
-class Profile:
-    """One controller's recordings, one a row, after each decision."""
+class _Profile:
+    """One controller's recordings after each decision, [episodes, times]; unknown is NaN."""
 
     time: Floats
-    """[T] s."""
     speed: Floats
-    """[E, T] the ego's, m/s; NaN after an accident."""
     reward: Floats
-    """[E, T] of the decision that ended there; NaN at the start, in an accident and after it."""
+    """Of the decision that ended there, unless that is the start or an accident."""
     accumulated_reward: Floats
-    """[E, T] the paper's sum, one reward a second; after an accident it stays, penalty included."""
+    """One reward a second; after an accident it stays, penalty included."""
     accidents: Sequence[tuple[float, float, float]]
-    """(s, the ego's speed, accumulated reward) of each."""
+    """(time, speed, accumulated reward) of each."""
 
 
 @style.look()
@@ -56,7 +54,7 @@ def draw(arms: Arms, *, seconds: float = SECONDS) -> Figure:
     if not arms:
         raise LanewiseError("there is no recording to draw")
     looks = style.styles(arms)
-    profiles = {title: profile(title, runs, seconds) for title, runs in arms.items()}
+    profiles = {title: _profile(title, runs, seconds) for title, runs in arms.items()}
     figure = Figure(figsize=(style.WIDTH, 6.4), layout="constrained")
     panels = style.panels(figure, len(PANELS))
     for axes, (name, label) in zip(panels, PANELS, strict=True):
@@ -75,7 +73,7 @@ def draw(arms: Arms, *, seconds: float = SECONDS) -> Figure:
     return figure
 
 
-def profile(title: str, recordings: Sequence[Recording], seconds: float) -> Profile:
+def _profile(title: str, recordings: Sequence[Recording], seconds: float) -> _Profile:
     """An arm's recordings side by side, as far as the shortest without an accident goes."""
     if not recordings:
         raise LanewiseError(f"{title}: there is no recording to draw")
@@ -93,7 +91,7 @@ def profile(title: str, recordings: Sequence[Recording], seconds: float) -> Prof
         if run.accident and run.time[-1] <= time[-1] + 1e-9
     ]
     count, sums = len(time), [run.accumulated_reward for run in recordings]
-    return Profile(
+    return _Profile(
         time,
         np.stack([_padded(run.speed[:, 0], count, np.nan) for run in recordings]),
         np.stack([_padded(_instant(run), count, np.nan) for run in recordings]),
@@ -115,7 +113,7 @@ def _padded(values: Floats, length: int, rest: float) -> Floats:
     return np.concatenate([values[:length], np.full(max(length - len(values), 0), rest)])
 
 
-def _arm(axes: Axes, one: Profile, name: str, own: Style) -> None:
+def _arm(axes: Axes, one: _Profile, name: str, own: Style) -> None:
     table: Floats = getattr(one, name)
     known = ~np.isnan(table).all(axis=0)  # not at the start, nor where nobody drives any more
     time, table = one.time[known], table[:, known]

@@ -55,7 +55,7 @@ def draw(arms: Arms, *, settled: Mapping[str, float] | None = None) -> Figure:
     figure, panels = _panels()
     for axes, (column, _, factor) in zip(panels, PANELS, strict=True):
         for title, seeds in arms.items():
-            smooth = [factor * running_mean(column_of(rows, column), WINDOW) for rows in seeds]
+            smooth = [factor * _running_mean(_column_of(rows, column), WINDOW) for rows in seeds]
             _arm(axes, smooth, looks[title], marks.get(title))
     panels[-1].set_xlabel(f"training episode (running mean over the last {WINDOW})")
     handles: list[Artist] = [
@@ -86,11 +86,11 @@ def draw_stages(rows: Rows) -> Figure:
         for number, stage in enumerate(stages):
             name, own = STAGE_COLUMNS.get(column, column), style.STYLES[number % len(style.STYLES)]
             some = [row for row in rows if str(row["stage"]) == stage]
-            x, y = column_of(some, "decisions"), factor * column_of(some, name)
+            x, y = _column_of(some, "decisions"), factor * _column_of(some, name)
             axes.plot(x, y, color=own.colour, linewidth=0.6, alpha=0.25)
-            smooth = running_mean(y, max(1, round(STAGE_WINDOW * len(y))))
+            smooth = _running_mean(y, max(1, round(STAGE_WINDOW * len(y))))
             style.curve(axes, x, smooth, own, label=stage)
-            place = settled_at(column_of(some, "epsilon").tolist())
+            place = settled_at(_column_of(some, "epsilon").tolist())
             if place is not None:
                 look: Look = {"color": own.colour, "linestyle": own.dashes, "linewidth": 0.8}
                 axes.axvline(x[place], alpha=0.6, **look)
@@ -101,13 +101,12 @@ def draw_stages(rows: Rows) -> Figure:
     return figure
 
 
-def column_of(rows: Rows, name: str) -> Floats:
-    """One column of metrics rows; null and missing values as NaN."""
+def _column_of(rows: Rows, name: str) -> Floats:
     values = (row.get(name) for row in rows)
     return np.array([nan if value is None else value for value in values], dtype=np.float64)
 
 
-def running_mean(values: Floats, window: int) -> Floats:
+def _running_mean(values: Floats, window: int) -> Floats:
     """Mean of the last `window` values at each place, of fewer at the start; NaN is skipped."""
     known = ~np.isnan(values)
     sums = np.concatenate([[0.0], np.cumsum(np.where(known, values, 0.0))])
