@@ -35,14 +35,14 @@ def test_what_is_tried(controller):
 
 
 def test_the_best_go_on_and_nothing_is_trained_twice(tmp_path, monkeypatch):
-    """With trainings that leave nothing but how good they are: settings 1, 2, 3 and 4 are best."""
+    """With trainings that leave nothing but how good they are: settings 3 and 1 are best."""
     trained = []
 
     def train(runs, processes, stream, out):
         for run in runs:
             if not run.done:
                 trained.append((run.arm, run.seed))
-                leave(run, {1: 0.7, 2: 0.9, 3: 0.8, 4: 0.6}.get(int(run.arm[-2:]), 0.1))
+                leave(run, {1: 0.7, 3: 0.9}.get(int(run.arm[-2:]), 0.1))
 
     def leave(run, success):
         with RunFolder.create(run.path, run.settings, run.controller, run.seed) as folder:
@@ -58,15 +58,16 @@ def test_the_best_go_on_and_nothing_is_trained_twice(tmp_path, monkeypatch):
             folder.metrics.write_text(json.dumps(weights) + "\n")
             (run.path / "controller.json").write_text("{}")
 
-    monkeypatch.setattr(race, "DRAWN", 5)
+    monkeypatch.setattr(race, "DRAWN", 3)
+    monkeypatch.setattr(race, "BEST", 2)
     monkeypatch.setattr(race.schedule, "run", train)
     monkeypatch.setattr(race.run_state, "weights_digest", lambda folder: "")
     monkeypatch.setattr(sys, "argv", ["race.py", "--out", str(tmp_path), "--controllers", "h-dqn"])
     race.main()
-    again = [(f"h-dqn {number:02d}", seed) for number in (2, 3, 1, 4) for seed in (1, 2, 3)]
-    assert trained == [(f"h-dqn {number:02d}", 0) for number in range(6)] + again
+    again = [(f"h-dqn {number:02d}", seed) for number in (3, 1) for seed in (1, 2, 3)]
+    assert trained == [(f"h-dqn {number:02d}", 0) for number in range(4)] + again
     rows = json.loads((tmp_path / "race.json").read_text())["rows"]
-    assert len(rows) == 18
+    assert len(rows) == 10
     assert all(row["trained_by"] == version.source() for row in rows)
     race.main()
-    assert len(trained) == 18
+    assert len(trained) == 10
