@@ -74,6 +74,15 @@ def check_words(figure, slack=0.5):
     return seen
 
 
+def lines(axes, **look):
+    """The lines with this colour, marker or width."""
+    return [
+        line
+        for line in axes.lines
+        if all(getattr(line, f"get_{name}")() == value for name, value in look.items())
+    ]
+
+
 @pytest.mark.parametrize("name", FIGURES)
 def test_words_stand_apart_whatever_the_users_own_settings(name):
     before = dict(matplotlib.rcParams)
@@ -149,12 +158,6 @@ def means(rows, column, window, factor=1.0):
     return [np.mean(values[max(0, n - window) : n]) for n in range(1, len(values) + 1)]
 
 
-def lines(axes, own):
-    """Lines drawn in a style, curves first, then the edges of the band."""
-    found = [line for line in axes.lines if line.get_color() == own.colour]
-    return sorted(found, key=lambda line: -line.get_linewidth())
-
-
 def test_curves_and_bands_are_mean_lowest_and_highest_of_the_running_means():
     seeds = make_training((70, 60, 90))
     figure = training_curves.draw({"hierarchical": seeds})
@@ -162,7 +165,9 @@ def test_curves_and_bands_are_mean_lowest_and_highest_of_the_running_means():
     for axes, (column, factor) in zip(figure.axes, columns, strict=True):
         table = [means(rows, column, 50, factor)[:60] for rows in seeds]
         expected = [function(table, axis=0) for function in (np.mean, np.min, np.max)]
-        for line, values in zip(lines(axes, STYLES[1]), expected, strict=True):
+        # The curve, then the edges of the band.
+        own = sorted(lines(axes, color=STYLES[1].colour), key=lambda line: -line.get_linewidth())
+        for line, values in zip(own, expected, strict=True):
             np.testing.assert_array_equal(line.get_xdata(), np.arange(1, 61))
             np.testing.assert_allclose(line.get_ydata(), values)
         (band,) = axes.collections
@@ -182,13 +187,14 @@ def test_the_mark_stands_on_the_curve_where_epsilon_settled():
     for axes in training_curves.draw(arms, settled={"a": 20.0, "b": 41.0}).axes:
         (mark,) = [line for line in axes.lines if line.get_marker() != "None"]
         assert list(mark.get_xdata()) == [20.0]  # b ended before its epsilon settled
-        assert mark.get_ydata()[0] == pytest.approx(lines(axes, STYLES[0])[0].get_ydata()[19])
+        (curve,) = lines(axes, color=STYLES[0].colour, linewidth=figure_style.DRAWN)
+        assert mark.get_ydata()[0] == pytest.approx(curve.get_ydata()[19])
 
 
 def test_each_stage_has_its_own_line_style_and_mark():
     rows = make_rows()
     panel = training_curves.draw_stages(rows).axes[1]
-    thick = [line for line in panel.lines if line.get_linewidth() > 1.5]
+    thick = lines(panel, linewidth=figure_style.DRAWN)
     assert [line.get_label() for line in thick] == ["single-level", "high-level", "hierarchical"]
     assert len({line.get_linestyle() + line.get_color() for line in thick}) == 3
     assert len([line for line in panel.lines if list(line.get_xdata()) == [32000.0] * 2]) == 3
@@ -214,16 +220,12 @@ def crashing(*ends):
 
 
 def curve_of(axes):
-    (line,) = [line for line in axes.lines if line.get_linewidth() == figure_style.DRAWN]
+    (line,) = lines(axes, linewidth=figure_style.DRAWN)
     return line
 
 
 def crosses(axes):
-    return [
-        (line.get_xdata()[0], line.get_ydata()[0])
-        for line in axes.lines
-        if line.get_marker() == "x"
-    ]
+    return [(line.get_xdata()[0], line.get_ydata()[0]) for line in lines(axes, marker="x")]
 
 
 def test_profiles_are_means_over_the_episodes_still_under_way():
@@ -267,11 +269,7 @@ def test_an_arm_ends_with_its_shortest_recording_that_had_no_accident():
 
 
 def marks(axes, look):
-    (line,) = [
-        line
-        for line in axes.lines
-        if line.get_marker() == look["marker"] and line.get_color() == look["color"]
-    ]
+    (line,) = lines(axes, marker=look["marker"], color=look["color"])
     return np.column_stack(line.get_data()).tolist()
 
 
@@ -321,11 +319,8 @@ def test_frames_are_in_rows_of_time_and_columns_of_controllers():
     boxes = [each.get_position() for each in axes]
     assert boxes[0].x0 == boxes[1].x0 < boxes[2].x0 == boxes[3].x0
     assert boxes[0].y0 == boxes[2].y0 > boxes[1].y0 == boxes[3].y0
-    box, (left, right), (bottom, top) = (
-        axes[0].get_window_extent(),
-        axes[0].get_xlim(),
-        axes[0].get_ylim(),
-    )
+    box, (bottom, top) = axes[0].get_window_extent(), axes[0].get_ylim()
+    left, right = axes[0].get_xlim()
     assert bottom > top  # left is up
     assert box.width / (right - left) == pytest.approx(box.height / (bottom - top))
 
@@ -378,15 +373,14 @@ def test_the_longest_captions_stand_apart():
 def test_every_seed_is_a_dot_and_the_mean_a_line():
     figure = seed_figure.draw([OURS, FLAT, make_arm("search", "search", [100])], "lanewise")
     success, own = figure.axes[1], STYLES[figure_style.OWN["hierarchical"]]
-    (dots,) = [line for line in lines(success, own) if line.get_marker() == own.marker]
+    (dots,) = lines(success, marker=own.marker, color=own.colour)
     np.testing.assert_allclose(dots.get_xdata(), [98, 99, 100, 100, 90])
-    thick = [line for line in success.lines if line.get_linewidth() == figure_style.DRAWN]
+    thick = lines(success, linewidth=figure_style.DRAWN)
     np.testing.assert_allclose([line.get_xdata()[0] for line in thick], [97.4, 0.2, 100.0])
     names = [label.get_text() for label in figure.axes[0].get_yticklabels()]
     assert names == ["two levels", "flat | one", "search"]
     papers, ours, reward = (
-        sorted(line.get_xdata()[0] for line in axes.lines if line.get_linewidth() == 0.9)
-        for axes in figure.axes
+        sorted(line.get_xdata()[0] for line in lines(axes, linewidth=0.9)) for axes in figure.axes
     )
     np.testing.assert_allclose(papers, [0.0, 97.67])
     assert ours == []
