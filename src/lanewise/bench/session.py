@@ -58,7 +58,7 @@ def run(
         about: what the result says beside figures, date, code, machine and versions.
         out: file for the result.
         notes: printed before.
-        as_json: whether to print the result instead of tables.
+        as_json: print the result instead of tables.
         versions: of packages in other environments.
         compare: of the figures, more of the result and more of the text.
 

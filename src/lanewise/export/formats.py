@@ -57,11 +57,7 @@ def step(path: Path) -> "Step":
 
 
 def load(path: Path) -> Policy:
-    """The policy in a file for NumPy.
-
-    Raises:
-        LanewiseError: it cannot be read, or holds no policy.
-    """
+    """The policy in a file for NumPy."""
     try:
         return numpy_policy.load(path)
     except numpy_policy.PolicyError as error:

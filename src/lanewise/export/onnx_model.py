@@ -35,12 +35,7 @@ MEANINGS = {
 
 
 def model(policy: Policy) -> ModelProto:
-    """The ONNX model of a policy; its outputs are those of `Policy.step`.
-
-    Inputs: ``features``; for a controller with goals ``y``, ``heading``, ``speed`` and
-    ``lane_centres``; then each part of the memory. Outputs: ``action``, the memory for the next
-    decision with the prefix ``next_``, and ``LEVEL_values``, the Q-values.
-    """
+    """The ONNX model of a policy, with the inputs and outputs of `Policy.step` (docs/usage.md)."""
     graph = Graph()
     names = [FEATURES, *(Ego._fields if policy.has_goals else ())]
     seen = {name: Value(graph, name, np.float32) for name in names}

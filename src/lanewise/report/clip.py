@@ -34,16 +34,7 @@ def check_name(path: Path | str) -> str:
 
 
 def render(recording: Recording, path: Path | str, size: tuple[int, int] = SIZE) -> None:
-    """Write a recording as a clip in real time.
-
-    Args:
-        recording: the episode; places between its frames are interpolated.
-        path: ending in .gif or .mp4; it appears only when complete.
-        size: width and height, pixels, both even.
-
-    Raises:
-        LanewiseError: for any other suffix, or if the file cannot be written.
-    """
+    """Write a recording as a .gif or .mp4 in real time; `size` is in pixels, both even."""
     write = {".gif": _gif, ".mp4": _mp4}[check_name(path)]
     with replacing(path) as beside:
         write(recording, beside, size)
@@ -68,10 +59,9 @@ def _gif(recording: Recording, path: Path, size: tuple[int, int]) -> None:
 
 
 def _palette(recording: Recording, size: tuple[int, int]) -> Image.Image:
-    """One palette for all frames: no flicker, small file.
+    """One palette for all frames, so that nothing flickers and the file is small.
 
-    From the first and the last frame for the shades, and an ample patch of each pure colour, since
-    a badge or a blue car may appear in neither.
+    From the shades of the first and the last frame, and each colour that may be in neither.
     """
     width, height = size
     sample = Image.new("RGB", (width, 3 * height))

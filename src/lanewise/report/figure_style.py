@@ -80,13 +80,7 @@ def look() -> Iterator[None]:
 
 
 def save(figure: Figure, path: Path, suffixes: Iterable[str] = FORMATS) -> None:
-    """Write a freshly drawn figure as PNG and SVG; the same data give the same bytes.
-
-    Args:
-        figure: freshly drawn.
-        path: without an ending.
-        suffixes: of the files.
-    """
+    """Write a freshly drawn figure under each suffix; the same data give the same bytes."""
     for suffix in suffixes:
         # Without the date in it, the same data give the same file.
         metadata = {"Date": None} if suffix == ".svg" else {"Software": "lanewise"}
@@ -95,11 +89,7 @@ def save(figure: Figure, path: Path, suffixes: Iterable[str] = FORMATS) -> None:
 
 
 def styles(titles: Iterable[str]) -> dict[str, Style]:
-    """A style for each title: controllers keep their own, others take what is left, in order.
-
-    Raises:
-        LanewiseError: if there are more titles than styles that can be told apart.
-    """
+    """A style for each title: controllers keep their own, others take what is left, in order."""
     titles = list(dict.fromkeys(titles))
     if len(titles) > len(STYLES):
         raise LanewiseError(f"a figure can tell {len(STYLES)} curves apart, not {len(titles)}")

@@ -29,9 +29,9 @@ NAMES = ("ego (E)", "trap cars (numbered)", "traffic")
 def draw(columns: Mapping[str, Recording], *, times: Sequence[float] = TIMES) -> Figure:
     """Moments of one episode per controller, in columns by title and rows by time, s.
 
-    Under each frame stand the instant reward r_t of the decision that ended at t, the accumulated
-    reward R_t (one reward a second so far) and the speed; right of them, what has become of the
-    ego. The view follows the ego. After its end an episode stands still, and has no r_t.
+    Under each frame stand the reward r_t of the decision that ended at t, the accumulated reward
+    R_t (one a second) and the speed; right of them, what has become of the ego. The view follows
+    the ego. After its end an episode stands still, and has no r_t.
 
     Raises:
         LanewiseError: if there is no recording or no moment, or too many recordings.

@@ -15,18 +15,14 @@ from lanewise.runs.run_folder import require_outside
 
 @contextmanager
 def replacing(path: Path | str) -> Iterator[Path]:
-    """Write beside, then rename: `path` is either the finished file or what it was before.
-
-    Yields:
-        A hidden path of this process in the same folder, with the same suffix, by which some
-        packages tell the format, unless that is a long one.
+    """Write to the hidden path yielded, then rename: the file is whole, or as it was before.
 
     Raises:
         LanewiseError: if the file cannot be written, or belongs to a run.
     """
     path = Path(path)
     require_outside(path)
-    # Its whole name with anything more may be too long.
+    # Its whole name with anything more may be too long. Some packages tell a format by the suffix.
     name = f"{zlib.crc32(os.fsencode(path.name)):08x}.{os.getpid()}"
     beside = path.with_name(f".{name}{path.suffix if len(path.suffix) < 10 else ''}")
     try:
@@ -43,12 +39,7 @@ def replacing(path: Path | str) -> Iterator[Path]:
 
 
 def check_writable(*paths: Path | str) -> None:
-    """Refuses files that could not be written, before the work whose results they are to hold.
-
-    Raises:
-        LanewiseError: a folder has the name of one, or the name is too long, or its folder cannot
-            be written to; or it belongs to a run, or is named twice.
-    """
+    """Refuses files that cannot be written, before the work whose results they are to hold."""
     places = [Path(path).absolute().parent.resolve() / Path(path).name for path in paths]
     for path, place in zip(map(Path, paths), places, strict=True):
         if places.count(place) > 1:

@@ -42,10 +42,9 @@ class _Profile:
 def draw(arms: Arms, *, seconds: float = SECONDS) -> Figure:
     """The arms' profiles, so many seconds at most.
 
-    Curves are means over the episodes still under way; bands hold the middle 80 % of them. An
-    accident is a cross: from then on its episode counts in the accumulated reward only, which
-    stays what it was, penalty included. The penalty itself is no instant reward of driving. A curve
-    ends with the shortest recording that had no accident.
+    Curves are means over the episodes still under way, and end with the shortest that had no
+    accident; bands hold the middle 80 %. An accident is a cross: from then on its episode counts in
+    the accumulated reward only, penalty included.
 
     Raises:
         LanewiseError: if there is no arm, an arm without a recording, recordings of one arm with

@@ -1,7 +1,6 @@
 """The map of a sweep: success and accidents over two axes of a grid, in panels for a third.
 
-A field folds all other axes together and counts winnable starts; where some of its starts cannot
-be won a corner is hatched, where none can all of it is.
+A field counts winnable starts; a corner is hatched where some cannot be won, all where none can.
 """
 
 from collections.abc import Sequence
