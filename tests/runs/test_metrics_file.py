@@ -5,12 +5,14 @@ import json
 import math
 import os
 import struct
+import sys
 
 import numpy as np
 import pytest
 
 from lanewise.errors import LanewiseError, RunError
-from lanewise.runs import metric_sinks, metrics_file
+from lanewise.report import experiment_tables
+from lanewise.runs import metrics_file, selected_weights
 from lanewise.runs.metric_sinks import MetricSinks
 from lanewise.runs.metrics_file import MetricsWriter, keep_copy, read, settled_at, settled_episode
 from lanewise.system import folder_io
@@ -36,26 +38,34 @@ def chunk(number, **more):
     return {"kind": "chunk", **plain, "reward": 0.5 * number, **more}
 
 
-def write(path, numbers, resume_at=0):
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "metrics.jsonl"
+
+
+def write(path, records, resume_at=0):
     with MetricsWriter(path, resume_at) as metrics:
-        for number in numbers:
-            metrics.append({"episode": number, "reward": number / 3})
+        for record in records:
+            metrics.append(record)
         return metrics.sync()
 
 
-def test_a_resumed_file_has_the_bytes_of_one_never_stopped(tmp_path):
-    whole, stopped = tmp_path / "whole.jsonl", tmp_path / "stopped.jsonl"
-    write(whole, range(10))
-    at_checkpoint = write(stopped, range(4))
+def test_a_resumed_file_has_the_bytes_of_one_never_stopped(path, tmp_path):
+    records, stopped = [chunk(number) for number in range(10)], tmp_path / "stopped.jsonl"
+    write(path, records)
+    at_checkpoint = write(stopped, records[:4])
     with stopped.open("ab") as file:
         # Written after the checkpoint, the last line cut short by the kill.
         file.write(b'{"episode": 4, "reward": 1.33}\n{"epis')
-    write(stopped, range(4, 10), at_checkpoint)
-    assert stopped.read_bytes() == whole.read_bytes()
+    write(stopped, records[4:-1], at_checkpoint)
+    with stopped.open("ab") as file:
+        file.write(b'{"epis')
+    # Without a checkpoint every whole line stays, as of the timings.
+    write(stopped, records[-1:], None)
+    assert stopped.read_bytes() == path.read_bytes()
 
 
-def test_what_is_to_be_cut_off_is_copied_beside_whatever_was_before(tmp_path):
-    path = tmp_path / "metrics.jsonl"
+def test_what_is_to_be_cut_off_is_copied_beside_whatever_was_before(path, tmp_path, monkeypatch):
     assert keep_copy(path, 0) is None
     path.write_text("one")
     assert keep_copy(path, 3) is None
@@ -63,6 +73,14 @@ def test_what_is_to_be_cut_off_is_copied_beside_whatever_was_before(tmp_path):
     (tmp_path / "metrics-before-1.jsonl").symlink_to(elsewhere)
     assert keep_copy(path, 2) == tmp_path / "metrics-before-2.jsonl"
     path.write_text("two")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(folder_io.os, "write", full)
+        with pytest.raises(OSError, match="No space left"):
+            keep_copy(path, 0)
     assert keep_copy(path, 0) == tmp_path / "metrics-before-3.jsonl"
     kept = {file.name: file.read_text() for file in tmp_path.iterdir() if file.is_file()}
     assert kept == {path.name: "two"} | {
@@ -71,43 +89,26 @@ def test_what_is_to_be_cut_off_is_copied_beside_whatever_was_before(tmp_path):
     assert not elsewhere.exists()
 
 
-def test_a_full_disk_leaves_the_metrics_and_no_half_of_a_copy(tmp_path, monkeypatch):
-    path = tmp_path / "metrics.jsonl"
-    path.write_text("one")
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(folder_io.os, "write", full)
-    with pytest.raises(OSError, match="No space left"):
-        keep_copy(path, 0)
-    assert [file.read_text() for file in tmp_path.iterdir()] == ["one"]
-
-
-def test_a_file_that_lost_lines_is_refused(tmp_path):
-    path = tmp_path / "metrics.jsonl"
-    length = write(path, range(3))
-    path.write_bytes(path.read_bytes()[:-1])
+def test_a_file_that_lost_lines_is_refused(path):
+    length = write(path, [EPISODE] * 3)
+    os.truncate(path, length - 1)
     with pytest.raises(RunError, match=f"truncated: {length - 1} bytes.*expects {length}"):
         MetricsWriter(path, length)
 
 
-@pytest.mark.parametrize("resume_at", [0])
-def test_a_second_name_of_the_metrics_is_not_cut_short(tmp_path, resume_at):
+def test_a_second_name_of_the_metrics_is_not_cut_short(path, tmp_path):
     """Backups keep old states of a run as hard links."""
     kept = tmp_path / "backup.jsonl"
     kept.write_text('{"kind": "chunk"}\nhalf a li')
-    os.link(kept, tmp_path / "metrics.jsonl")
+    os.link(kept, path)
     with pytest.raises(RunError, match=r"metrics.jsonl: another name .* resume the copy"):
-        MetricsWriter(tmp_path / "metrics.jsonl", resume_at)
+        MetricsWriter(path)
     assert kept.read_text().endswith("half a li")
 
 
-def test_values_are_plain_json(tmp_path):
-    path = tmp_path / "metrics.jsonl"
-    with MetricsWriter(path) as metrics:
-        metrics.append({"a": math.nan, "b": np.float32(0.5), "c": np.int64(3), "d": "x", "e": None})
-        metrics.append({"a": np.array(-np.inf)})
+def test_values_are_plain_json(path):
+    values = {"a": math.nan, "b": np.float32(0.5), "c": np.int64(3), "d": "x", "e": None}
+    write(path, [values, {"a": np.array(-np.inf)}])
     assert read(path) == [{"a": None, "b": 0.5, "c": 3, "d": "x", "e": None}, {"a": None}]
 
 
@@ -119,8 +120,7 @@ def test_values_are_plain_json(tmp_path):
         ("{}\n", 4, "truncated: 3 of 4 bytes"),
     ],
 )
-def test_lines_that_are_no_records(tmp_path, text, end, says):
-    path = tmp_path / "metrics.jsonl"
+def test_lines_that_are_no_records(path, text, end, says):
     path.write_text(text)
     with pytest.raises(RunError, match=says):
         read(path, end)
@@ -136,9 +136,8 @@ def test_lines_that_are_no_records(tmp_path, text, end, says):
         ({"speed": ...}, "line 1 lacks speed"),
     ],
 )
-def test_a_record_is_one_before_anything_is_made_of_it(tmp_path, change, says):
-    path = tmp_path / "metrics.jsonl"
-    path.write_text(json.dumps(EPISODE) + "\n")
+def test_a_record_is_one_before_anything_is_made_of_it(path, change, says):
+    write(path, [EPISODE])
     assert metrics_file.read_records(path) == [EPISODE]
     altered = {name: value for name, value in (EPISODE | change).items() if value is not ...}
     path.write_text(json.dumps(altered) + "\n")
@@ -146,14 +145,13 @@ def test_a_record_is_one_before_anything_is_made_of_it(tmp_path, change, says):
         metrics_file.read_records(path)
 
 
-def test_records_are_read_up_to_a_mark_as_they_were_written(tmp_path):
-    path = tmp_path / "metrics.jsonl"
+def test_records_are_read_up_to_a_mark_as_they_were_written(path):
+    assert metrics_file.read_marked(path, {"metrics_bytes": 0}) == []
     with MetricsWriter(path) as metrics:
         metrics.append(EPISODE)
         mark = metrics.mark()
         metrics.append(EPISODE)
     assert metrics_file.read_marked(path, mark) == [EPISODE]
-    assert metrics_file.read_marked(tmp_path / "none", {"metrics_bytes": 0}) == []
     path.write_bytes(path.read_bytes().replace(b"1.5", b"1.6", 1))
     with pytest.raises(RunError, match="was altered after it was written"):
         metrics_file.read_marked(path, mark)
@@ -167,6 +165,7 @@ def test_records_are_read_up_to_a_mark_as_they_were_written(tmp_path):
         # Settled before the first record, as after 1000 steps of 32 worlds.
         ([0.1, 0.1], 0),
         ([None, 0.5, 0.02, 0.02], 2),
+        ([None, None], None),
     ],
 )
 def test_where_epsilon_has_settled(epsilon, first):
@@ -175,12 +174,8 @@ def test_where_epsilon_has_settled(epsilon, first):
     assert settled_episode(chunks) == (None if first is None else 10.0 * first)
 
 
-def stored(folder, records):
-    """The length of a metrics file with these records."""
-    with MetricsWriter(folder / "metrics.jsonl") as writer:
-        for record in records:
-            writer.append(record)
-        return writer.sync()
+def opened(folder, length, tensorboard=False):
+    return MetricSinks(OpenFolder(folder), length, tensorboard=tensorboard)
 
 
 def rows(path):
@@ -202,12 +197,11 @@ def scalars(folder):
     return found
 
 
-def test_tables(tmp_path):
+def test_tables(path, tmp_path):
     kept = tmp_path / "backup.csv"
     kept.write_text("precious")
     os.link(kept, tmp_path / "chunks.csv")
-    length = stored(tmp_path, [EPISODE, chunk(1)])
-    with MetricSinks(OpenFolder(tmp_path), length, tensorboard=False) as sinks:
+    with opened(tmp_path, write(path, [EPISODE, chunk(1)])) as sinks:
         sinks.append(chunk(2, validation_reward=3.5))
         sinks.append(EPISODE | {"stage": "step-2"})
     assert [row["stage"] for row in rows(tmp_path / "episodes.csv")] == ["step-1", "step-2"]
@@ -219,13 +213,13 @@ def test_tables(tmp_path):
     assert kept.read_text() == "precious"
 
 
-def test_events_after_a_kill_hold_nothing_that_was_undone(tmp_path):
-    length = stored(tmp_path, [chunk(1)])
-    with MetricSinks(OpenFolder(tmp_path), length, tensorboard=True) as sinks:
+def test_events_after_a_kill_hold_nothing_that_was_undone(path, tmp_path):
+    length = write(path, [chunk(1)])
+    with opened(tmp_path, length, tensorboard=True) as sinks:
         sinks.append(chunk(2))
     assert {step for _, step, _ in scalars(tmp_path / "tensorboard")} == {100, 200}
-    # The metrics file was cut to its first line; the run goes on with its events unasked.
-    with MetricSinks(OpenFolder(tmp_path), length, tensorboard=False) as sinks:
+    # The metrics file is cut to its first line; the run goes on with its events unasked.
+    with opened(tmp_path, length) as sinks:
         sinks.append(chunk(2, reward=9.0))
     found = scalars(tmp_path / "tensorboard")
     assert sorted(s for s in found if s[0] == "step-1/reward_one_a_decision") == [
@@ -236,8 +230,47 @@ def test_events_after_a_kill_hold_nothing_that_was_undone(tmp_path):
 
 
 def test_without_tensorboardx(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "tensorboardX", None)
-    length = stored(tmp_path, [])
+    monkeypatch.setitem(sys.modules, "tensorboardX", None)
     with pytest.raises(LanewiseError, match=r"pip install \"\.\[tensorboard\]\" in your clone"):
-        MetricSinks(OpenFolder(tmp_path), length, tensorboard=True)
-    assert metric_sinks.TABLES.keys() <= metrics_file.COLUMNS.keys()
+        opened(tmp_path, 0, tensorboard=True)
+
+
+def of_stage(chosen=0.9, success=0.9, last=0.9, accidents=0.0, rule="best-validation"):
+    """Metrics of a stage whose weights of chunk 2 of 3 were kept."""
+    chunks = [
+        {"kind": "chunk", "stage": "s", "chunk": number, "validation_success_rate": rate}
+        for number, rate in ((1, 0.1), (2, chosen), (3, 0.2))
+    ]
+    weights = {"kind": "weights", "stage": "s", "rule": rule, "kept_chunk": 2, "last_chunk": 3}
+    for of, rate, crashes in (("kept", success, accidents), ("last", last, 0.0)):
+        weights |= {f"{of}_success_rate": rate, f"{of}_accident_rate": crashes}
+        weights |= {f"{of}_escape_rate": rate + crashes, f"{of}_reward": 1.0}
+    return [*chunks, weights | {"fresh_episodes": 1000}]
+
+
+@pytest.mark.parametrize(
+    ("figures", "says"),
+    [
+        ({}, []),
+        ({"success": 0.86, "last": 0.7}, []),
+        (
+            {"chosen": 0.41, "success": 0.4, "last": 0.0, "accidents": 0.14},
+            ["success 40.0 % with the kept weights, 0.0 % with the last ones"],
+        ),
+        ({"accidents": 0.3}, ["accidents 30.0 % with the kept weights, 0.0 %"]),
+        ({"success": 0.8}, ["chosen for 90.0 % success, the kept weights of s have 80.0 %"]),
+        ({"success": 0.8, "rule": "best-training"}, []),
+    ],
+)
+def test_weights_that_are_an_outlier_are_told(figures, says):
+    (found,) = selected_weights.of_run(of_stage(**figures))
+    warnings = list(found.warnings)
+    assert len(warnings) == len(says)
+    assert all(said in warning for said, warning in zip(says, warnings, strict=True))
+
+
+def test_the_table_holds_kept_and_last_side_by_side():
+    seeds = [selected_weights.of_run(of_stage(success=share))[0] for share in (0.8, 1.0)]
+    row = experiment_tables.weights({"an arm": seeds}).splitlines()[2]
+    assert "| best-validation | 90.0 (90.0 to 90.0) | 90.0 (80.0 to 100.0) | 90.0 (90.0" in row
+    assert row.count("|") == 3 + 2 * len(experiment_tables.WEIGHTS) + 1
