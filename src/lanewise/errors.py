@@ -3,6 +3,7 @@
 import os
 import shlex
 import unicodedata
+from collections.abc import Sequence
 from typing import Any
 
 _STEERING = ("Cc", "Cf", "Cs", "Zl", "Zp")
@@ -39,10 +40,10 @@ class ActionError(LanewiseError, ValueError):
 class NumbersError(LanewiseError):
     """A number that must be finite is not: an observation, a reward, a loss or a weight."""
 
-    def __init__(self, message: str, found: tuple[dict[str, Any], ...] = ()) -> None:
+    def __init__(self, message: str, found: Sequence[Any] = ()) -> None:
         super().__init__(message)
         self.found = found
-        """All that was not finite, likely causes first; plain values, as they are stored."""
+        """All that was not finite (`training.finite_checks.Finding`), likely causes first."""
 
 
 def printable(text: str) -> str:

@@ -11,7 +11,7 @@ from small_runs import Quiet, results, resume
 from lanewise.cli.main import main
 from lanewise.errors import RunError
 from lanewise.evaluation import evaluator
-from lanewise.runs import checkpoint, metrics_file, trained, training_loop
+from lanewise.runs import checkpoint, metrics_file, selected_weights, trained, training_loop
 from lanewise.system import folder_io, version
 from lanewise.training import recipe, trainer
 
@@ -97,7 +97,7 @@ def test_what_is_told_of_kept_weights_is_true_of_the_controller(whole):
     controller = trained.load(whole)
     config = recipe.validation_config(controller.settings, recipe.RECIPES["hierarchical"][-1])
     count = told[-1]["fresh_episodes"]
-    found = evaluator.evaluate(config, controller.parameters, trainer.FRESH_SEED, count)
+    found = evaluator.evaluate(config, controller.parameters, selected_weights.FRESH_SEED, count)
     assert told[-1]["kept_reward"] == pytest.approx(found.accumulated_reward.mean())
     assert told[-1]["kept_accident_rate"] == pytest.approx((found.accident > 0).mean())
 

@@ -1,7 +1,6 @@
 """Which weights a stage keeps, with scripted chunks in place of compiled ones."""
 
 import re
-from dataclasses import asdict
 from types import SimpleNamespace
 
 import jax
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 
 from lanewise.errors import NumbersError
+from lanewise.runs import selected_weights
 from lanewise.training import selection, trainer
 from lanewise.training.finite_checks import ChunkFinite, Finding
 from lanewise.training.selection import StageCounters, StageProgress
@@ -192,8 +192,11 @@ def test_kept_and_last_weights_are_compared_on_the_same_fresh_starts(play, monke
         return validated(parameters["q"])
 
     monkeypatch.setattr(trainer.evaluator, "evaluate", test)
-    record = trainer.compare(plan, {}, progress)
-    assert asked == [(9, trainer.FRESH_SEED, 20), (record["kept_chunk"], trainer.FRESH_SEED, 20)]
+    record = selected_weights.compare(plan, {}, progress)
+    assert asked == [
+        (9, selected_weights.FRESH_SEED, 20),
+        (record["kept_chunk"], selected_weights.FRESH_SEED, 20),
+    ]
     assert record["kept_chunk"] == kept(progress) != record["last_chunk"] == 9
     assert record["kept_success_rate"] == pytest.approx(record["kept_chunk"] / 10)
     assert record["last_success_rate"] == pytest.approx(0.9)
@@ -223,7 +226,7 @@ def test_a_bad_chunk_is_neither_booked_nor_validated(monkeypatch):
     progress = StageProgress(None, {}, {}, StageCounters(chunks=4, decisions=400))
     with pytest.raises(NumbersError, match=r"^step-1, chunk 5: a reward .* decision 404") as error:
         trainer.advance(plan_of("best-validation"), {}, progress)
-    assert error.value.found == (asdict(Finding("reward", iteration=2, world=1)),)
+    assert error.value.found == [Finding("reward", iteration=2, world=1)]
 
 
 def test_what_is_said_of_a_number_that_is_not_finite():

@@ -46,14 +46,7 @@ class UpdateMetrics:
 
 
 def begin(key: jax.Array, settings: LearnerSettings, inputs: int, outputs: int) -> Learner:
-    """A learner of F inputs and A outputs; the target network starts as a copy of the online one.
-
-    Args:
-        key: Random key of the first parameters.
-        settings: The learner's settings.
-        inputs: Number of features F.
-        outputs: Number of actions A.
-    """
+    """A learner for F inputs and A outputs; its target network starts as a copy of the other."""
     online = network.init(key, inputs, settings.hidden, outputs)
     return Learner(
         online=online,
@@ -70,9 +63,6 @@ def update(
     """One gradient step on B transitions, then one step of the target network.
 
     L = 1/B * sum_i (y_i - Q_online(s_i, a_i))^2, with y_i of `q_target` or `double_q_target`.
-
-    Returns:
-        The learner after the update, and its metrics.
     """
     q_next_target = network.q_values(learner.target, batch.next_features)
     (_, metrics), gradient = jax.value_and_grad(_loss, has_aux=True)(
@@ -81,13 +71,8 @@ def update(
     step, optimiser = _adam(settings).update(gradient, learner.optimiser)
     online: Parameters = optax.apply_updates(learner.online, step)
     updates = learner.updates + 1
-    after = Learner(
-        online=online,
-        target=_follow(settings, learner.target, online, updates),
-        optimiser=optimiser,
-        updates=updates,
-    )
-    return after, metrics
+    target = _follow(settings, learner.target, online, updates)
+    return Learner(online, target, optimiser, updates), metrics
 
 
 def q_target(reward: jax.Array, discount: jax.Array, q_next_target: jax.Array) -> jax.Array:
@@ -143,9 +128,8 @@ def _loss(
         # the zero gradients of the next states too (measured on two cores: 860 against 1,220
         # updates/s).
         q_next_online = network.q_values(jax.lax.stop_gradient(online), batch.next_features)
-        target = jax.vmap(double_q_target)(
-            batch.reward, batch.discount, q_next_online, q_next_target
-        )
+        every = (batch.reward, batch.discount, q_next_online, q_next_target)
+        target = jax.vmap(double_q_target)(*every)
     else:
         target = jax.vmap(q_target)(batch.reward, batch.discount, q_next_target)
     td = jax.vmap(td_error)(q, batch.action, target)

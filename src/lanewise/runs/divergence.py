@@ -101,7 +101,7 @@ def save(
         checkpoint.save(place, BEFORE, state, meta, folder.digest)
     _, metrics = stage.advance(plan.config, frozen, state)
     again = list(map(asdict, finite_checks.findings(jax.device_get(metrics.finite))))
-    found, first = list(error.found), error.found[0]
+    found, first = list(map(asdict, error.found)), error.found[0]
     about = {
         "message": str(error),
         "stage": plan.name,
@@ -110,7 +110,7 @@ def save(
         "worlds": plan.config.budget.worlds,
         "found": found,
         # A validation is not driven again here; its message names the episode.
-        "found_again": None if again == [] and first["what"] == "validation" else again == found,
+        "found_again": None if again == [] and first.what == "validation" else again == found,
         "controller": folder.controller,
         "seed": folder.seed,
         "settings_digest": folder.digest,
@@ -120,7 +120,7 @@ def save(
     }
     with folder.held.inside(FOLDER) as place:
         write_atomically(place, {FOUND: (json.dumps(about, indent=1) + "\n").encode()})
-    advice = ADVICE[first["what"]].format(level=first["level"])
+    advice = ADVICE[first.what].format(level=first.level)
     call = f"lanewise.runs.divergence.find_first_nonfinite({str(folder.path)!r})"
     return NumbersError(
         f"{error}; training stopped, earlier chunks are kept\n"

@@ -1,18 +1,52 @@
 """The weights that a stage hands on beside its last ones, and whether they are an outlier.
 
-Both drive validation starts by which no weights were chosen (`training.host.compare`).
+Both drive validation starts by which no weights were chosen.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from lanewise.training.selection import weighed
+import numpy as np
 
+from lanewise.controllers.controller import Parameters
+from lanewise.evaluation import evaluator
+from lanewise.evaluation.episodes import Episodes
+from lanewise.training import records, selection
+from lanewise.training.selection import StageProgress, weighed
+from lanewise.training.trainer import StagePlan
+
+FRESH_SEED = 1
+"""Of these starts."""
 OUTLIER = 0.2
 """Kept weights are an outlier if their success or accidents differ from the last ones' by more."""
 TOLERANCE = 0.05
 """On fresh starts, kept weights should do what they were chosen for, within this."""
+
+
+def compare(plan: StagePlan, frozen: Parameters, progress: StageProgress) -> dict[str, Any]:
+    """The record of a finished stage: what it hands on and its last weights, on fresh starts."""
+
+    def tested(weights: Parameters) -> Episodes:
+        parameters = frozen | weights
+        return evaluator.evaluate(plan.validation, parameters, FRESH_SEED, plan.fresh_episodes)
+
+    keep, last_chunk = plan.config.budget.keep, progress.counters.chunks
+    weights, chunk = selection.result(keep, progress)
+    last = tested(progress.last)
+    kept = last if chunk == last_chunk else tested(weights)
+    record = {
+        "kind": "weights",
+        "stage": plan.name,
+        "rule": keep,
+        "kept_chunk": chunk,
+        "last_chunk": last_chunk,
+        "fresh_episodes": plan.fresh_episodes,
+    }
+    for prefix, found in (("last", last), ("kept", kept)):
+        record |= records.of_tested(prefix, found)
+        record[f"{prefix}_speed"] = float(np.mean(found.average_speed))
+    return record
 
 
 @dataclass(frozen=True)

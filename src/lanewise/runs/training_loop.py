@@ -4,11 +4,10 @@ Every stage leaves ``stages/NAME``, the parameters it hands on; the run ends wit
 the parameters of all levels. In between, ``checkpoints/`` holds all that the stage under way needs.
 """
 
-import signal
 import time
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +22,12 @@ from lanewise.runs.run_folder import CHECKPOINTS, RunFolder
 from lanewise.system import pinned, process
 from lanewise.system.progress import Progress
 from lanewise.training import selection, trainer
-from lanewise.training.plan import TrainingPlan, restored_progress, stored_progress
+from lanewise.training.plan import TrainingPlan
 from lanewise.training.selection import StageProgress
 from lanewise.training.trainer import StagePlan
 
 INTERVAL = 10.0
-"""Seconds of training between checkpoints, at least; a kill loses no more than about this."""
+"""Seconds of training between checkpoints, at least."""
 STAGE_STREAM = 1000
 """First random stream of the stages, apart from those of the test starts (`trap.start_key`)."""
 SHOWN = {
@@ -51,18 +50,18 @@ def train(
     high_level: Path | None = None,
     tensorboard: bool = False,
 ) -> None:
-    """Train ``folder.controller`` to the end; continue where the folder's checkpoints stop.
+    """Train the controller of a locked run folder; continue where its checkpoints stop.
 
     Args:
-        folder: a locked run folder, new or stopped.
-        plan: of the folder's settings and controller, with the task functions it was made with.
+        folder: new or stopped.
+        plan: of the folder's settings, controller and task functions.
         reporter: shows how far the training is.
         high_level: a run whose step-1 result is taken over, or None.
         tensorboard: whether to write TensorBoard's events too.
 
     Raises:
-        RunError: the run is finished already, or was made with other parts, or ``high_level`` is
-            no finished step 1; or the folder was moved, removed or replaced meanwhile.
+        RunError: the run is finished, or made with other parts; or ``high_level`` is no finished
+            step 1; or the folder was moved, removed or replaced meanwhile.
         CheckpointError: a stored file is damaged beyond falling back.
         NumbersError: a number is not finite; see `divergence`.
     """
@@ -113,13 +112,12 @@ class _Training:
     def run_stage(self, index: int, frozen: Parameters, found: Checkpoint | None) -> None:
         """Train a stage, from its beginning or a checkpoint to its end, and store its weights."""
         stage, reporter = self.plan.stages[index], self.reporter
-        progress, interrupts = self._begun(index, frozen, found), _Interrupts(reporter)
+        progress = self._begun(index, frozen, found)
         reporter.stage(stage.name, 1.0, stage.fraction(progress.counters))
         saved = time.monotonic()
-        with (
-            process.handle_signal(signal.SIGINT, interrupts.handle),
-            process.handle_signal(signal.SIGTERM, interrupts.handle),
-        ):
+        # Within a chunk state and metrics do not fit together, and cannot be saved.
+        hear = partial(reporter.note, "stopping: this chunk is finished and saved first")
+        with process.Interrupts(hear) as interrupts:
             while not stage.finished(progress.counters):
                 began = time.monotonic()
                 try:
@@ -138,7 +136,7 @@ class _Training:
     def _begun(self, index: int, frozen: Parameters, found: Checkpoint | None) -> StageProgress:
         """A stage as a checkpoint holds it, or at its beginning."""
         if found is not None:
-            return restored_progress(found.tree, found.meta["counters"])
+            return StageProgress.restored(found.tree, found.meta["counters"])
         # The stage's own stream of the run's seed.
         key = jax.random.fold_in(pinned.key(self.folder.seed), STAGE_STREAM + index)
         return trainer.begin(self.plan.stages[index], frozen, key)
@@ -159,7 +157,7 @@ class _Training:
             checkpoint.save(
                 place,
                 checkpoint.checkpoint_name(index, progress.counters.chunks),
-                stored_progress(progress),
+                progress.arrays,
                 {"seed": self.folder.seed, "counters": asdict(progress.counters), **mark},
                 self.folder.digest,
                 keep=KEPT,
@@ -178,7 +176,7 @@ class _Training:
 
     def _finish(self, stage: StagePlan, frozen: Parameters, progress: StageProgress) -> None:
         """Compare what a stage hands on with its last weights, and store it."""
-        self.metrics.append(trainer.compare(stage, frozen, progress))
+        self.metrics.append(selected_weights.compare(stage, frozen, progress))
         meta = {"counters": asdict(progress.counters), **self.metrics.mark()}
         self.folder.held.require_same()
         selected = selected_weights.of_run(metrics_file.read(self.folder.metrics))[-1]
@@ -186,26 +184,6 @@ class _Training:
             self.reporter.note(warning)
         weights, _ = selection.result(stage.config.budget.keep, progress)
         run_state.save_stage(self.folder, stage.name, weights, meta)
-
-
-class _Interrupts:
-    """Ctrl-C waits for the end of a chunk, when state and metrics fit together and can be saved.
-
-    So does SIGTERM, by which clusters announce that a machine is needed otherwise. A second signal
-    does not wait: the run then continues from its newest checkpoint.
-    """
-
-    def __init__(self, reporter: Progress) -> None:
-        self.asked = False
-        self._reporter = reporter
-
-    def handle(self, *_: object) -> None:
-        """Hear a signal."""
-        if self.asked:
-            raise KeyboardInterrupt
-        self.asked = True
-        with suppress(RuntimeError):  # In the middle of another line.
-            self._reporter.note("stopping: this chunk is finished and saved first")
 
 
 def _figures(record: Mapping[str, Any]) -> dict[str, float]:

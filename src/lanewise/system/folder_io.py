@@ -21,11 +21,7 @@ class OpenFolder:
     """An open folder: files are opened, renamed and deleted relative to its ``descriptor``."""
 
     def __init__(self, path: Path) -> None:
-        """Opens a folder.
-
-        Raises:
-            OSError: there is no folder of that name.
-        """
+        """Opens a folder; raises an OSError if there is none of that name."""
         self.path = path
         """Its name when it was opened."""
         self.descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
@@ -100,11 +96,7 @@ class FolderIdentity:
     inode: int
 
     def open(self) -> OpenFolder:
-        """Open that folder.
-
-        Raises:
-            RunError: as `require`.
-        """
+        """Open that folder; raises as `require`."""
         with suppress(FileNotFoundError, NotADirectoryError):
             folder = OpenFolder(self.path)
             if folder.identity == self:
@@ -136,12 +128,8 @@ def lock(place: Path | OpenFolder, doing: str) -> OpenFolder:
 
     The folder itself is locked. A lock file could be deleted, which would let another process in.
 
-    Args:
-        place: the folder, by its name or already open.
-        doing: what the other process would be doing there, for the message.
-
     Raises:
-        RunError: another process holds it, or its name leads elsewhere by now.
+        RunError: another process is ``doing`` something in it, or its name leads elsewhere by now.
     """
     folder = place.duplicate() if isinstance(place, OpenFolder) else OpenFolder(place)
     try:
@@ -165,12 +153,7 @@ def make_locked(place: Path | OpenFolder, doing: str) -> OpenFolder:
 
 @contextmanager
 def opened(directory: Path | OpenFolder) -> Iterator[OpenFolder]:
-    """A folder to write into: opened now, or opened before and still the same.
-
-    Raises:
-        RunError: as `OpenFolder.require_same`.
-        OSError: there is no folder of that name.
-    """
+    """A folder to write into: opened now, or opened before and still the same (`require_same`)."""
     if isinstance(directory, OpenFolder):
         directory.require_same()
         yield directory
@@ -205,12 +188,9 @@ def write_atomically(directory: Path | OpenFolder, contents: Mapping[str, bytes]
 
 
 def publish(source: Path, target: OpenFolder, last: str) -> None:
-    """Copy finished files, with the folders they lie in, into a folder.
+    """Copy all files of ``source``, with the folders they lie in, into a folder.
 
-    Args:
-        source: holds these files and nothing else.
-        target: files of the same names are replaced, others stay.
-        last: the file that gets its name last: where it is, the others are.
+    Files of the same names are replaced, others stay. Where the file ``last`` is, the others are.
 
     Raises:
         RunError: the target is no longer where it was.

@@ -7,7 +7,7 @@ as it is.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from functools import wraps
 from typing import Any, TypeVar
 
@@ -45,11 +45,7 @@ def switches() -> Iterator[None]:
 def jit(**options: Any) -> Callable[[Callable[..., R]], Callable[..., R]]:
     """A decorator as `jax.jit`, whose programs are traced and called within `switches`.
 
-    Args:
-        options: of `jax.jit`.
-
-    Returns:
-        The decorator. What `jax.jit` made of a function is the ``__wrapped__`` of what it returns.
+    What `jax.jit` made of a function is the ``__wrapped__`` of the decorated one.
     """
 
     def compiled(function: Callable[..., R]) -> Callable[..., R]:
@@ -58,12 +54,9 @@ def jit(**options: Any) -> Callable[[Callable[..., R]], Callable[..., R]]:
         @wraps(program)
         def call(*args: Any, **kwargs: Any) -> R:
             # Looked at first: to enter a context takes as long as to call a small program.
-            found: R
-            if all(getattr(jax.config, name) == value for name, (value, _) in SWITCHES.items()):
-                found = program(*args, **kwargs)
-                return found
-            with switches():
-                found = program(*args, **kwargs)
+            same = (getattr(jax.config, name) == value for name, (value, _) in SWITCHES.items())
+            with nullcontext() if all(same) else switches():
+                found: R = program(*args, **kwargs)
             return found
 
         return call
@@ -72,12 +65,9 @@ def jit(**options: Any) -> Callable[[Callable[..., R]], Callable[..., R]]:
 
 
 def key(seed: int | Array) -> Array:
-    """The random key of a seed, bit for bit ``jax.random.key(seed)`` by JAX's defaults.
+    """The random key of a seed below 2^32, bit for bit ``jax.random.key(seed)`` by JAX's defaults.
 
     Not by that function, which adds ``jax_random_seed_offset``.
-
-    Args:
-        seed: from 0 to 2^32 - 1; may be traced.
     """
     words = jnp.stack([jnp.uint32(0), jnp.asarray(seed, jnp.uint32)])
     made: Array = jax.random.wrap_key_data(words, impl=GENERATOR)
@@ -85,11 +75,7 @@ def key(seed: int | Array) -> Array:
 
 
 def own(given: Array) -> Array:
-    """A user's random key as one of Lanewise's.
-
-    Args:
-        given: a key; of another generator the first 64 bits count, of which the others are made.
-    """
+    """A user's random key as one of Lanewise's; of another generator the first 64 bits count."""
     if not jnp.issubdtype(given.dtype, jax.dtypes.prng_key):
         words = given
     elif str(jax.random.key_impl(given)) == GENERATOR:

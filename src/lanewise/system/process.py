@@ -5,7 +5,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from types import FrameType
 
 from lanewise.errors import LanewiseError
@@ -50,6 +50,34 @@ def handle_signal(number: signal.Signals, handler: Handler) -> Iterator[None]:
         yield
     finally:
         signal.signal(number, before)
+
+
+class Interrupts:
+    """Within it, Ctrl-C and SIGTERM only ask to stop; a second one does not wait.
+
+    By SIGTERM clusters announce that a machine is needed otherwise.
+    """
+
+    def __init__(self, hear: Callable[[], object]) -> None:
+        self.asked = False
+        """Whether there was one."""
+        self._hear = hear
+        self._handlers = ExitStack()
+
+    def __enter__(self) -> "Interrupts":
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._handlers.enter_context(handle_signal(number, self._handle))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._handlers.close()
+
+    def _handle(self, *_: object) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
+        with suppress(RuntimeError):  # In the middle of another line.
+            self._hear()
 
 
 def refuse_forked() -> None:

@@ -4,7 +4,6 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from types import TracebackType
 from typing import TextIO, cast
 
 from rich.console import Console
@@ -16,9 +15,7 @@ from lanewise.errors import one_line, printable
 
 
 class Progress:
-    """Reports how far the stages of a training have come.
-
-    Where it cannot be written (`UnfailingStream`), the training goes on all the same.
+    """Reports how far the stages of a training have come, where that can be written.
 
     Use: ``with Progress() as progress: progress.stage("high level", 1000); progress.update(10)``.
     """
@@ -34,11 +31,11 @@ class Progress:
         """Prepares a reporter.
 
         Args:
-            stream: Where to write; standard error by default.
-            interval: Least time between two plain lines, s.
-            clock: Tells the time, s.
-            quiet: Whether to write notes alone.
-            prefix: Begins every line, where several processes share a stream; there is no bar then.
+            stream: where to write; standard error by default.
+            interval: least time between two plain lines, s.
+            clock: tells the time, s.
+            quiet: whether to write notes alone.
+            prefix: begins every line, where several processes share a stream; there is no bar then.
         """
         self._stream = unfailing(sys.stderr if stream is None else stream)
         self._interval = interval
@@ -103,12 +100,7 @@ class Progress:
             self._bar.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._bar is not None:
             self._bar.stop()
 
@@ -126,7 +118,7 @@ class Progress:
 
 
 class UnfailingStream:
-    """A text stream of which nothing is said when it cannot be written.
+    """A text stream to which writing never fails.
 
     What reads it may go (`2>&1 | tee log`, and Ctrl-C ends both), a disk fill up, a terminal be
     closed: no reason to lose what the progress is about.
@@ -138,12 +130,9 @@ class UnfailingStream:
     def write(self, text: str) -> int:
         """Write it if that can be done."""
         with suppress(OSError):
-            self._stream.write(self._encodable(text))
+            # What the stream's encoding lacks is spelled out.
+            self._stream.write(text.encode(self.encoding, "backslashreplace").decode(self.encoding))
         return len(text)
-
-    def _encodable(self, text: str) -> str:
-        """What the stream's encoding lacks is spelled out."""
-        return text.encode(self.encoding, "backslashreplace").decode(self.encoding)
 
     def flush(self) -> None:
         """Pass it on if that can be done."""

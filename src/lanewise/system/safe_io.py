@@ -66,11 +66,7 @@ def _check_regular(status: os.stat_result) -> None:
 
 
 def require_plain(path: Path, *, folder: bool = False) -> None:
-    """Refuse a name that exists and is not a regular file, or with ``folder`` not a folder.
-
-    Raises:
-        UnreadableError: the name is a link, a pipe, a device, or the other of the two.
-    """
+    """Raise an UnreadableError if the name is of no regular file, or with ``folder`` no folder."""
     try:
         status = path.lstat()
     except FileNotFoundError:
@@ -123,13 +119,9 @@ def parse_toml(data: bytes) -> dict[str, Any]:
 
 
 def format_mismatch(document: Any, name: str, version: int) -> str:
-    """How a document's format differs from the wanted one; empty if it does not.
+    """How a document's format differs from the one of a name and version; empty if it does not.
 
-    Args:
-        document: the parsed file. Without ``format`` or ``version`` it counts as ``name``, and as
-            version 1.
-        name: the wanted format.
-        version: the wanted version of it.
+    A document without ``format`` or ``version`` counts as of that name, and as version 1.
     """
     if not isinstance(document, dict):
         return ""

@@ -15,7 +15,6 @@ from lanewise.learning import network
 from lanewise.scenario.trap import SPLITS
 from lanewise.system import pinned
 from lanewise.training import recipe, selection, stage
-from lanewise.training.selection import StageCounters, StageProgress
 from lanewise.training.settings import Settings
 from lanewise.training.trainer import StagePlan
 
@@ -36,11 +35,7 @@ class TrainingPlan:
     def build(
         cls, settings: Settings, controller: str, task: TaskFunctions = PAPER_TASK
     ) -> "TrainingPlan":
-        """The plan of a controller's training.
-
-        Raises:
-            SettingsError: a function of the user's fails, or returns something else than it must.
-        """
+        """The plan of a controller's training; raises as `trace`."""
         tests = settings.evaluation
         stages = tuple(
             StagePlan(
@@ -75,7 +70,7 @@ class TrainingPlan:
 
     @pinned.switches()
     def progress(self, index: int) -> dict[str, Any]:
-        """Shapes of `stored_progress` in a stage."""
+        """Shapes of `StageProgress.arrays` in a stage."""
         plan = self.stages[index]
         state = jax.eval_shape(
             lambda frozen: stage.begin(plan.config, frozen, pinned.key(0)), self.frozen(index)
@@ -85,12 +80,9 @@ class TrainingPlan:
         return {"state": state, "best": weights, "window": window}
 
     def trace(self) -> int:
-        """Try the user's own functions in full: trace all programs of the training.
+        """Try the user's own functions in full: the length of an observation.
 
-        Nothing runs, and JAX keeps what it has traced for the training.
-
-        Returns:
-            Length of an observation.
+        All programs of the training are traced, none runs; JAX keeps what it has traced.
 
         Raises:
             SettingsError: a function fails, or returns something else than it must.
@@ -115,20 +107,6 @@ class TrainingPlan:
                 test = evaluator.of_any_start(each.validation)
                 jax.eval_shape(partial(evaluator.drive_block, test), levels, worlds)
         return observed
-
-
-def stored_progress(progress: StageProgress) -> dict[str, Any]:
-    """The arrays of a stage under way that a checkpoint holds."""
-    return {"state": progress.state, "best": progress.best, "window": progress.window}
-
-
-def restored_progress(arrays: dict[str, Any], counters: dict[str, Any]) -> StageProgress:
-    """A stage under way, of what `stored_progress` returned and its counters, tuples as lists."""
-    restored: dict[str, Any] = {
-        name: tuple(value) if isinstance(value, list) else value for name, value in counters.items()
-    }
-    best, window = jax.device_get((arrays["best"], arrays["window"]))
-    return StageProgress(arrays["state"], best, window, StageCounters(**restored))
 
 
 def _networks(plan: StagePlan) -> Parameters:

@@ -90,7 +90,7 @@ def step(
         parameters: of all levels; those of levels that learn are the online ones.
         rollout: the world under way.
         epsilon: by level that learns, [] probability of a random choice.
-        key: random key of this decision's exploration in this world.
+        key: of this decision's exploration in this world.
 
     Returns:
         The world after the decision, and what each learning level leaves for its replay.
@@ -112,13 +112,9 @@ def step(
             settings, pending[name], state.outcome, feedback, before
         )
         level = config.level(name)
+        after, ready = level.features(memory, seen), level.ready(memory)
         emitted[name] = transitions.emit(
-            settings,
-            pending[name],
-            state.outcome,
-            feedback,
-            level.features(memory, seen),
-            level.ready(memory),
+            settings, pending[name], state.outcome, feedback, after, ready
         )
     return Rollout(state, seen, memory, pending), emitted
 

@@ -9,6 +9,7 @@
 
 from dataclasses import dataclass, field, replace
 from statistics import median_low
+from typing import Any
 
 import jax
 import numpy as np
@@ -61,6 +62,21 @@ class StageProgress:
     """Those of the last `WINDOW` validations, along a leading axis; empty where the rule looks at
     no validation."""
     counters: StageCounters = field(default_factory=StageCounters)
+
+    @classmethod
+    def restored(cls, arrays: dict[str, Any], counters: dict[str, Any]) -> "StageProgress":
+        """Of `arrays` and the fields of the counters as JSON has them, lists for tuples."""
+        best, window = jax.device_get((arrays["best"], arrays["window"]))
+        plain: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in counters.items()
+        }
+        return cls(arrays["state"], best, window, StageCounters(**plain))
+
+    @property
+    def arrays(self) -> dict[str, Any]:
+        """What a checkpoint holds of it, beside the counters."""
+        return {"state": self.state, "best": self.best, "window": self.window}
 
     @property
     def last(self) -> Parameters:

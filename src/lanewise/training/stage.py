@@ -80,23 +80,13 @@ class ChunkMetrics:
 
 @pinned.jit(static_argnums=0)
 def begin(config: StageConfig, frozen: Parameters, key: Array) -> StageState:
-    """The state before the first decision.
-
-    Args:
-        config: the stage's static settings.
-        frozen: parameters of levels that do not learn here; may be empty.
-        key: the stage's random key.
-    """
+    """The state before the first decision; ``frozen`` are the levels that do not learn here."""
     network_key, start_key = (jax.random.fold_in(key, stream) for stream in (0, 1))
     learners, replays = {}, {}
     for number, (name, settings) in enumerate(config.learning):
         level = config.level(name)
-        learners[name] = learner.begin(
-            _of_level(network_key, number),
-            settings.learner,
-            level.feature_count,
-            level.choice_count,
-        )
+        level_key, sizes = _of_level(network_key, number), (level.feature_count, level.choice_count)
+        learners[name] = learner.begin(level_key, settings.learner, *sizes)
         replays[name] = replay.empty(settings.learner.replay_capacity, level.feature_count)
     parameters = frozen | online(learners)
     start_keys = jax.random.split(start_key, config.budget.worlds)
@@ -124,11 +114,7 @@ def _of_level(key: Array, number: int) -> Array:
 def advance(
     config: StageConfig, frozen: Parameters, state: StageState
 ) -> tuple[StageState, ChunkMetrics]:
-    """Advance a stage by `CHUNK` iterations; ``state`` is consumed.
-
-    Returns:
-        The state afterwards, and the chunk's metrics.
-    """
+    """Advance a stage by `CHUNK` iterations; ``state`` is consumed."""
     return iterate(config, frozen, state, CHUNK)
 
 

@@ -5,11 +5,10 @@ outside.
 """
 
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
-import numpy as np
 
 from lanewise.controllers.controller import Parameters
 from lanewise.errors import NumbersError
@@ -22,8 +21,6 @@ from lanewise.training.selection import StageCounters, StageProgress
 
 VALIDATION_SEED = 0
 """Validation starts are the same for every seed and stage, so that weights compete fairly."""
-FRESH_SEED = 1
-"""Of validation starts by which no weights were chosen."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +84,7 @@ def advance(
     metrics = jax.device_get(metrics)
     if found := finite_checks.findings(metrics.finite):
         said = found[0].said(before.decisions, config.budget.worlds)
-        raise NumbersError(f"{plan.name}, chunk {before.chunks + 1}: {said}", _plain(found))
+        raise NumbersError(f"{plan.name}, chunk {before.chunks + 1}: {said}", found)
     episodes = records.of_episodes(plan.name, before, metrics.episodes)
     counters = replace(
         before,
@@ -122,37 +119,5 @@ def _validate(plan: StagePlan, frozen: Parameters, progress: StageProgress) -> E
     except NumbersError as error:
         raise NumbersError(
             f"{plan.name}, validation after chunk {counters.chunks}: {error}",
-            _plain([finite_checks.Finding("validation")]),
+            [finite_checks.Finding("validation")],
         ) from None
-
-
-def _plain(found: list[finite_checks.Finding]) -> tuple[dict[str, Any], ...]:
-    return tuple(map(asdict, found))
-
-
-def compare(plan: StagePlan, frozen: Parameters, progress: StageProgress) -> dict[str, Any]:
-    """The record of a finished stage: what it hands on and its last weights, on fresh starts.
-
-    `runs.selected_weights` says when the two are an accident.
-    """
-
-    def tested(weights: Parameters) -> Episodes:
-        parameters = frozen | weights
-        return evaluator.evaluate(plan.validation, parameters, FRESH_SEED, plan.fresh_episodes)
-
-    keep, last_chunk = plan.config.budget.keep, progress.counters.chunks
-    weights, chunk = selection.result(keep, progress)
-    last = tested(progress.last)
-    kept = last if chunk == last_chunk else tested(weights)
-    record = {
-        "kind": "weights",
-        "stage": plan.name,
-        "rule": keep,
-        "kept_chunk": chunk,
-        "last_chunk": last_chunk,
-        "fresh_episodes": plan.fresh_episodes,
-    }
-    for prefix, found in (("last", last), ("kept", kept)):
-        record |= records.of_tested(prefix, found)
-        record[f"{prefix}_speed"] = float(np.mean(found.average_speed))
-    return record

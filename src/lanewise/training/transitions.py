@@ -81,14 +81,7 @@ def accumulate(
     r = w_e * external + w_g * [goal reached] - w_t * distance from the goal (row 21)
     + w_a * (distance before - distance), where an accident leaves the first term alone. It counts
     gamma^i for the choice i choices back, or gamma^k k decisions after it if gamma counts per
-    decision (row 14).
-
-    Args:
-        settings: the weights.
-        pending: the choices.
-        outcome: of the decision.
-        feedback: after it, of the goal it was made under.
-        before: [] distance from that goal before the decision.
+    decision (row 14). The goal is the one the decision was made under.
     """
     alive = ~outcome.terminated
     tracking = jnp.where(alive, settings.tracking_weight * feedback.distance, 0.0)
