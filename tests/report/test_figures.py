@@ -85,12 +85,12 @@ def lines(axes, **look):
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_words_stand_apart_whatever_the_users_own_settings(name):
-    before = dict(matplotlib.rcParams)
-    seen = check_words(FIGURES[name]())
-    assert dict(matplotlib.rcParams) == before
     with matplotlib.rc_context({"font.size": 20.0, "text.color": "red", "figure.dpi": 50}):
-        other = FIGURES[name]()
-    assert words(other) == seen
+        before = dict(matplotlib.rcParams)
+        figure = FIGURES[name]()
+        assert dict(matplotlib.rcParams) == before
+    assert figure.dpi == figure_style.DPI
+    assert "red" not in {colour for *_, colour in check_words(figure)}
 
 
 def test_the_same_data_give_the_same_files(tmp_path):
