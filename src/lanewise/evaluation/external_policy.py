@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -44,58 +45,53 @@ def decider(policy: Any, batched: bool | None, count: int, deterministic: bool =
     return _Calling(policy, batched, count, deterministic)
 
 
+@dataclass
 class _Predicting:
     """Stable-Baselines3's way: ``predict`` takes batches and hands a recurrent state on."""
 
-    def __init__(self, predict: Callable[..., Any], count: int, deterministic: bool) -> None:
-        self._predict, self._count, self._deterministic = predict, count, deterministic
-        self._options = _taken(predict, {"state", "episode_start", "deterministic"})
-        self._state: Any = None
+    predict: Callable[..., Any]
+    count: int
+    deterministic: bool
+    state: Any = None
 
     def __call__(
         self, observations: NDArray[np.float32], wanted: NDArray[np.bool_], first: bool
     ) -> NDArray[Any]:
-        self._state = None if first else self._state
         options = {
-            "state": self._state,
+            "state": None if first else self.state,
             "episode_start": np.full(len(observations), first),
-            "deterministic": self._deterministic,
+            "deterministic": self.deterministic,
         }
-        found = self._predict(
-            observations.copy(), **{name: options[name] for name in self._options}
-        )
+        found = self.predict(observations.copy(), **_taken(self.predict, options))
         if isinstance(found, tuple):
             if len(found) != 2:
                 raise LanewiseError(
                     "predict() must return actions, or a tuple of actions and a state; it returned "
                     f"{len(found)} values"
                 )
-            found, self._state = found
-        return _several(found, len(observations), self._count)
+            found, self.state = found
+        return _checked(found, self.count, len(observations))
 
 
+@dataclass
 class _Calling:
     """A function, of a batch or of one observation, that answers from what it is given alone."""
 
-    def __init__(
-        self,
-        policy: Callable[[Any], Any],
-        batched: bool | None,
-        count: int,
-        deterministic: bool,
-    ) -> None:
-        self._policy, self._batched, self._count = policy, batched, count
-        self._deterministic = deterministic
-        self._asked = 0
-        self._first: tuple[NDArray[Any], ...] = ()
+    policy: Callable[[Any], Any]
+    batched: bool | None
+    count: int
+    deterministic: bool
+    asked: int = 0
+    first: tuple[NDArray[Any], ...] = ()
+    """The first question: observations, which were wanted, and the answer."""
 
     def __call__(
         self, observations: NDArray[np.float32], wanted: NDArray[np.bool_], first: bool
     ) -> NDArray[Any]:
-        if self._batched is None:
-            self._batched = self._takes_batches(observations)
+        if self.batched is None:
+            self.batched = self._takes_batches(observations)
         found = self._answers(observations, wanted)
-        if self._deterministic:
+        if self.deterministic:
             self._ask_again(observations, wanted, found)
         return found
 
@@ -103,13 +99,12 @@ class _Calling:
         self, observations: NDArray[np.float32], wanted: NDArray[np.bool_]
     ) -> NDArray[Any]:
         # Copies: a policy may write over what it is given.
-        if self._batched:
-            return _several(self._policy(observations.copy()), len(observations), self._count)
-        found = np.zeros(
-            (len(observations), *_shape(self._count)), np.int32 if self._count else np.float32
-        )
+        if self.batched:
+            return _checked(self.policy(observations.copy()), self.count, len(observations))
+        kind = np.int32 if self.count else np.float32
+        found = np.zeros((len(observations), *_shape(self.count)), kind)
         for place in np.flatnonzero(wanted):
-            found[place] = _one(self._policy(observations[place].copy()), self._count)
+            found[place] = _checked(self.policy(observations[place].copy()), self.count)
         return found
 
     def _ask_again(self, *now: NDArray[Any]) -> None:
@@ -117,11 +112,11 @@ class _Calling:
 
         It is asked after 1, 2, 4, 8, ... decisions: what it has seen meanwhile must not matter.
         """
-        self._first = self._first or now
-        self._asked += 1
-        if self._asked & (self._asked - 1):
+        self.first = self.first or now
+        self.asked += 1
+        if self.asked & (self.asked - 1):
             return
-        observations, wanted, before = self._first
+        observations, wanted, before = self.first
         after = self._answers(observations, wanted)
         differ = wanted & (np.abs(after - before) > SAME).reshape(len(after), -1).any(axis=1)
         if differ.any():
@@ -135,21 +130,22 @@ class _Calling:
     def _takes_batches(self, observations: NDArray[np.float32]) -> bool:
         """Whether an answer to a batch looks like a batch of actions."""
         try:
-            shape: tuple[int, ...] = np.shape(self._policy(observations.copy()))
+            shape: tuple[int, ...] = np.shape(self.policy(observations.copy()))
         except Exception:
             # Asked with one observation it will say itself what is wrong, if anything is.
             return False
-        return tuple(shape) == (len(observations), *_shape(self._count))
+        return tuple(shape) == (len(observations), *_shape(self.count))
 
 
-def _taken(predict: Callable[..., Any], options: set[str]) -> set[str]:
-    """Those of some keywords that a function takes."""
+def _taken(predict: Callable[..., Any], options: dict[str, Any]) -> dict[str, Any]:
+    """Those of some keyword arguments that a function takes."""
     try:
         known = inspect.signature(predict).parameters
     except (TypeError, ValueError):  # Some compiled functions do not say.
-        return set()
-    anything = any(each.kind is each.VAR_KEYWORD for each in known.values())
-    return options if anything else options & known.keys()
+        return {}
+    if any(each.kind is each.VAR_KEYWORD for each in known.values()):
+        return options
+    return {name: value for name, value in options.items() if name in known}
 
 
 def _shape(count: int) -> tuple[int, ...]:
@@ -157,13 +153,11 @@ def _shape(count: int) -> tuple[int, ...]:
     return () if count else (2,)
 
 
-def _several(given: Any, episodes: int, count: int) -> NDArray[Any]:
+def _checked(given: Any, count: int, batch: int | None = None) -> NDArray[Any]:
+    """The answer to a batch of observations, or to one."""
     what = f"whole numbers from 0 to {count - 1}" if count else "pairs of numbers from -1 to 1"
-    wanted = f"for {episodes} observations the policy must return {episodes} {what}"
-    return actions.checked(given, count, (episodes, *_shape(count)), wanted)
-
-
-def _one(given: Any, count: int) -> NDArray[Any]:
-    what = f"a whole number from 0 to {count - 1}" if count else "two numbers from -1 to 1"
-    wanted = f"for an observation the policy must return {what}"
-    return actions.checked(given, count, _shape(count), wanted)
+    if batch is None:
+        wanted = f"for an observation the policy must return one of the {what}"
+        return actions.checked(given, count, _shape(count), wanted)
+    wanted = f"for {batch} observations the policy must return {batch} {what}"
+    return actions.checked(given, count, (batch, *_shape(count)), wanted)

@@ -25,16 +25,16 @@ _PLACES = ("x", "y")
 
 
 def median_seed(seeds: Sequence[SeedResult]) -> SeedResult:
-    """The seed in the middle by its tests in our world: by our success, then by reward.
+    """The seed in the middle by its tests in our world, of two the lower one.
 
-    Of an even number the lower of the two.
+    By our success, then by reward.
     """
-    tests = (seed.tests[WORLDS[0]].summary.values for seed in seeds)
-    ranked = (
-        (values["success_rate"], values["accumulated_reward"], place)
-        for place, values in enumerate(tests)
-    )
-    return seeds[median_low(ranked)[-1]]
+
+    def rank(place: int) -> tuple[float, float, int]:
+        values = seeds[place].tests[WORLDS[0]].summary.values
+        return values["success_rate"], values["accumulated_reward"], place
+
+    return seeds[median_low(map(rank, range(len(seeds))))[-1]]
 
 
 def write(out: Path, results: Sequence[ArmResult]) -> None:
@@ -59,13 +59,11 @@ def read(path: Path) -> list[Recording]:
     """The recordings of a file, numbers as exact as they were kept."""
     with np.load(path, allow_pickle=False) as found:  # noqa: TID251, arrays alone
         count = 1 + max(int(name.partition("/")[0]) for name in found.files)
-        return [_recording(found, number) for number in range(count)]
-
-
-def _recording(found: Any, number: int) -> Recording:
-    """One of a file."""
-    names = [field.name for field in fields(Recording)]
-    return Recording(**{name: _whole(name, found[f"{number}/{name}"]) for name in names})
+        names = [field.name for field in fields(Recording)]
+        return [
+            Recording(**{name: _whole(name, found[f"{number}/{name}"]) for name in names})
+            for number in range(count)
+        ]
 
 
 def _small(name: str, value: object) -> np.ndarray:

@@ -26,15 +26,13 @@ def evaluate(
     renewal: str | None = None,
 ) -> Episodes:
     """Drive the test episodes in ``lanewise`` or ``highway-env``."""
-    config = evaluation_config(trained, renewal)
+    config, done = evaluation_config(trained, renewal), reporter.update
     if world == "lanewise":
         reporter.stage(trained.name, episodes)
-        return evaluator.evaluate(config, trained.parameters, seed, episodes, reporter.update)
+        return evaluator.evaluate(config, trained.parameters, seed, episodes, done)
     simulator = interop.evaluation_in_highway_env().HighwayEnv()
     reporter.stage(f"{trained.name} in highway-env", episodes)
-    return stepwise.evaluate(
-        config, Greedy(trained.parameters), simulator, seed, episodes, reporter.update
-    )
+    return stepwise.evaluate(config, Greedy(trained.parameters), simulator, seed, episodes, done)
 
 
 def record(

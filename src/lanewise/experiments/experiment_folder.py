@@ -19,11 +19,7 @@ _LARGEST = 10_000
 
 
 def check(out: Path, experiment: Experiment) -> None:
-    """Refuse a folder that is neither new, nor empty, nor one of this experiment.
-
-    Raises:
-        RunError: says what it holds.
-    """
+    """Refuse a folder that is neither new, nor empty, nor one of this experiment."""
     if not os.path.lexists(out / NAME):
         require_empty(out)
         return
@@ -43,7 +39,6 @@ def mark(out: OpenFolder, experiment: Experiment) -> None:
 
 
 def _name_in(file: Path) -> str:
-    """The experiment that a folder's file names."""
     try:
         found = safe_io.parse_json(safe_io.read_bytes(file, _LARGEST, links=False))
         if other := safe_io.format_mismatch(found, _FORMAT, 1):

@@ -28,7 +28,7 @@ def unlike_test(settings: Settings, task: Iterable[str] = (), split: str = "test
         task: names of the user's own functions (`driving.task_functions.TaskFunctions.names`).
         split: of its starts.
     """
-    for own in task:
+    if own := next(iter(task), ""):
         return own
     if split != "test":
         return f"its starts are those of {split}"
@@ -51,15 +51,6 @@ def _difference(settings: Settings, counts: Callable[[str], bool], traps: Iterab
     """The first setting that counts and is not as under any of the scenario presets."""
     found = []
     for trap in traps:
-        differing = config.differences([settings, config.compose(trap=trap)])
-        found.append(
-            next(
-                (
-                    f"{name} is {show(value)}, not {show(papers)}"
-                    for name, (value, papers) in differing.items()
-                    if counts(name)
-                ),
-                "",
-            )
-        )
-    return "" if "" in found else found[0]
+        differing = config.differences([settings, config.compose(trap=trap)]).items()
+        found.append([f"{n} is {show(a)}, not {show(b)}" for n, (a, b) in differing if counts(n)])
+    return found[0][0] if all(found) else ""

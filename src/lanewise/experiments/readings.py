@@ -27,9 +27,7 @@ class ArmSettings:
     """One of those whose settings are shown."""
 
     title: str
-    """Its name for people."""
     controller: str
-    """Which says what of the settings it uses."""
     settings: Mapping[str, Any]
     """By dotted name."""
     takes_over: bool = False
@@ -40,24 +38,19 @@ class ArmSettings:
         if not quoted.startswith("*"):
             return [quoted]
         ending, _, leaf = quoted[1:].partition(".")
-        learns = [
-            section
-            for section in _learning_sections(self.controller)
+        stages = CONTROLLERS[self.controller].stages
+        sections = (each for stage in stages for each in (stage.section, *stage.level_sections))
+        return [
+            name
+            for section in dict.fromkeys(sections)
             if section.endswith(ending) and not (self.takes_over and section == "high_level")
+            if (name := f"{section}.{leaf}") in self.settings
         ]
-        return [name for section in learns if (name := f"{section}.{leaf}") in self.settings]
 
 
 def by_default() -> list[ArmSettings]:
     """Every trained controller with the default settings."""
     return [ArmSettings(name, name, _defaults()) for name in TRAINABLE]
-
-
-def _learning_sections(controller: str) -> tuple[str, ...]:
-    """The sections of the settings that say how a controller learns."""
-    stages = CONTROLLERS[controller].stages
-    sections = (each for stage in stages for each in (stage.section, *stage.level_sections))
-    return tuple(dict.fromkeys(sections))
 
 
 @cache
@@ -97,7 +90,7 @@ def _why(row: Mapping[str, Any], arms: Sequence[ArmSettings]) -> str:
     why: str = row["why"]
     for quoted in _QUOTED.findall(row["here"]):
         for name, titles in _values(quoted, row, arms).items():
-            if why and titles.keys() != {_toml(_defaults()[name])}:
+            if why and titles.keys() != {json.dumps(_defaults()[name])}:
                 return f"of the default: {why}"
     return why
 
@@ -114,8 +107,8 @@ def _values(
     found: dict[str, dict[str, list[str]]] = {}
     for arm in _concerned(row, arms):
         for name in arm.names(quoted):
-            titles = found.setdefault(name, {}).setdefault(_toml(arm.settings[name]), [])
-            titles.append(arm.title)
+            value = json.dumps(arm.settings[name])
+            found.setdefault(name, {}).setdefault(value, []).append(arm.title)
     return found
 
 
@@ -131,22 +124,17 @@ def _shown(quoted: str, found: Mapping[str, Mapping[str, Sequence[str]]]) -> str
 def _by_arm(name: str, titles: Mapping[str, Sequence[str]]) -> str:
     """A setting with the value that most arms have, and the others with their arms."""
     usual = max(titles, key=lambda value: len(titles[value]))
-    others = (
+    rest = ", ".join(
         f"`{value}` in {' and '.join(f'*{cell(title)}*' for title in of)}"
         for value, of in titles.items()
         if value != usual
     )
-    rest = ", ".join(others)
     return f"`{name} = {usual}`" + (f" ({rest})" if rest else "")
 
 
 @cache
 def _defaults() -> Mapping[str, Any]:
     return config.flatten(config.compose())
-
-
-def _toml(value: object) -> str:
-    return json.dumps(value)
 
 
 def _bars(text: str) -> str:
