@@ -50,17 +50,13 @@ def paper():
     return reachability.judge(COURSE, PAPER)
 
 
-def test_the_papers_start_can_be_won(paper):
-    assert paper.winnable
-    assert paper.decided
-    assert len(paper.actions) == 50
-
-
 def test_an_escape_holds_in_the_real_highway_env(paper):
     """Both an easy escape and the narrowest: highway-env itself sees no crash and no way off."""
+    assert paper.winnable
+    assert paper.decided
     threaded = reachability.judge(COURSE, THREADED)
-    assert threaded.actions
     for it, chosen in ((PAPER, paper.actions), (THREADED, threaded.actions)):
+        assert len(chosen) == 50
         env = build_env(jax.device_get(escapes.begin(COURSE, escapes.numbers(it))))
         past = False
         for action in chosen:
@@ -80,7 +76,6 @@ def test_a_hopeless_start_ends_in_an_accident_whatever_is_done():
     verdict = reachability.judge(COURSE, HOPELESS)
     assert not verdict.winnable
     assert verdict.actions == ()
-    assert stopping_gap(HOPELESS) < 0.0
 
     @jax.jit
     def step_all(states):
@@ -96,22 +91,18 @@ def test_a_hopeless_start_ends_in_an_accident_whatever_is_done():
         alive = ~after.outcome.terminated[:count]
         return jax.tree.map(lambda leaf: leaf[:count][alive], after)
 
-    def of_block(states, first):
-        return jax.tree.map(lambda leaf: leaf[first : first + BLOCK], states)
-
     state = episode.begin(escapes.begin(COURSE, escapes.numbers(HOPELESS)))
     states = jax.tree.map(lambda leaf: np.asarray(leaf)[None], state)
     driven = decisions = 0
-    while True:
-        firsts = range(0, len(states.start_x), BLOCK)
-        left = [survivors(of_block(states, first)) for first in firsts]
+    while len(states.start_x):
+        left = [
+            survivors(jax.tree.map(lambda leaf, i=first: leaf[i : i + BLOCK], states))
+            for first in range(0, len(states.start_x), BLOCK)
+        ]
         states = jax.tree.map(lambda *parts: np.concatenate(parts), *left)
-        alive = len(states.start_x)
-        driven += alive
+        driven += len(states.start_x)
         decisions += 1
         assert not states.stats.escaped.any()
-        if not alive:
-            break
         assert decisions < 50
     # One decision later than the search, which gives up what is sure to be hit in the next tick.
     assert decisions in (verdict.decisions, verdict.decisions + 1)
@@ -119,27 +110,41 @@ def test_a_hopeless_start_ends_in_an_accident_whatever_is_done():
 
 
 @pytest.mark.parametrize(
-    ("ego", "trap", "front", "side"),
-    [(13.0, 8.0, 14.8, 7.43), (13.0, 8.0, 14.0, 8.2), (13.0, 11.0, 16.44, 4.06), (8.0, 8.0, 14, 8)],
+    "it",
+    [
+        HOPELESS,
+        start(13.0, 8.0, 14.0, 8.2),
+        start(13.0, 11.0, 16.44, 4.06),
+        start(8.0, 8.0, 14.0, 8.0),
+    ],
 )
-def test_whoever_can_stay_behind_can_get_out(ego, trap, front, side):
+def test_whoever_can_stay_behind_can_get_out(it):
     """Braking straight down to the trap's speed without touching it is enough to escape later."""
-    it = start(ego, trap, front, side)
     verdict = reachability.judge(COURSE, it)
-    if stopping_gap(it) > 0.0:
-        assert verdict.actions
-    if not verdict.winnable:
-        assert stopping_gap(it) <= 0.0
+    assert bool(verdict.actions) or stopping_gap(it) <= 0.0
     assert verdict.decided
 
 
 def test_clearance_rules_out_what_passes_by_centimetres():
-    assert reachability.judge(COURSE, THREADED).winnable
-    wide = ReachabilityConfig(TrapSettings(), DRIVING, 5, 50, clearance=0.1)
-    assert not reachability.judge(wide, THREADED).winnable
+    """In a grid as for each start alone: escapes, but not with 10 cm to spare."""
+    wide = replace(COURSE, clearance=0.1)
     roomy = reachability.judge(wide, PAPER)
     assert roomy.winnable
     assert reachability.replay(COURSE, PAPER, [roomy.actions])[0]
+    grid = Grid((13.0,), (8.0,), (5,), (14.8,), (6.61, 7.43))
+    found = list(sweep.reach(TrapSettings(), DRIVING, 50, 0.1, grid.points()))
+    for point, reach in zip(grid.points(), found, strict=True):
+        alone = sweep.start_of(TrapSettings(), point)
+        assert reach.winnable == reachability.judge(COURSE, alone).winnable
+        assert reach.decided
+        assert not reach.clear
+        assert not reachability.judge(wide, alone).winnable
+    assert [reach.winnable for reach in found] == [True, False]
+    (easy,) = Grid((10.0,), (10.0,), (5,), (15.62,), (6.61,)).points()
+    reach = next(sweep.reach(TrapSettings(), DRIVING, 50, 0.1, [easy]))
+    assert reach.clear
+    escape = tuple(map(int, reach.escape))
+    assert reachability.replay(COURSE, sweep.start_of(TrapSettings(), easy), [escape])[0]
 
 
 def test_a_known_escape_is_enough(paper):
@@ -164,18 +169,10 @@ def test_the_searchs_ticks_are_the_worlds():
     """Moving and hitting is all a tick does among the trap cars: same bits, crashes included."""
     rng = np.random.default_rng(0)
     world = escapes.begin(COURSE, escapes.numbers(start(10.0, 8.0, 15.0, 5.0)))
-    egos = np.stack(
-        [
-            rng.uniform(0.0, 20.0, 300),
-            rng.uniform(-2.5, 7.0, 300),
-            rng.uniform(-0.5, 0.5, 300),
-            rng.uniform(5.0, 15.0, 300),
-        ],
-        axis=1,
-    ).astype(np.float32)
+    lowest, highest = np.array([[0.0, -2.5, -0.5, 5.0], [20.0, 7.0, 0.5, 15.0]])
+    egos = rng.uniform(lowest, highest, (300, 4)).astype(np.float32)
     chosen = rng.integers(0, 9, 300)
 
-    @jax.jit
     def theirs(given):
         ego, action = given
         put = {
@@ -188,30 +185,11 @@ def test_the_searchs_ticks_are_the_worlds():
         moved = jnp.stack([after.x[0], after.y[0], after.heading[0], after.speed[0]])
         return moved, after.crashed[0] | after.impacted[0]
 
-    moved, hit = jax.jit(partial(jax.lax.map, theirs))((egos, chosen))
-    ours, alive, _ = escapes._step_all(DRIVING, world, egos)
+    moved, hit = jax.device_get(jax.jit(partial(jax.lax.map, theirs))((egos, chosen)))
+    ours, alive, _ = jax.device_get(escapes._step_all(DRIVING, world, egos))
     rows = np.arange(300)
-    np.testing.assert_allclose(np.asarray(ours)[rows, chosen], moved, rtol=2e-6, atol=1e-6)
-    assert 0 < np.asarray(hit).sum() < 300
-    assert not (np.asarray(alive)[rows, chosen] & np.asarray(hit)).any()
-    on_road = (np.abs(np.asarray(moved)[:, 1] - 4.0) < 5.9) & ~np.asarray(hit)
-    assert np.asarray(alive)[rows, chosen][on_road].all()
-
-
-def test_a_grid_is_judged_as_each_start_alone():
-    grid = Grid((13.0,), (8.0,), (5,), (14.8,), (6.61, 7.43))
-    found = list(sweep.reach(TrapSettings(), DRIVING, 50, 0.1, grid.points()))
-    for point, reach in zip(grid.points(), found, strict=True):
-        alone = reachability.judge(COURSE, sweep.start_of(TrapSettings(), point))
-        assert reach.winnable == alone.winnable
-        assert reach.decided
-    # A centimetre's way between the trap cars is an escape, but not one with 10 cm to spare.
-    assert [reach.winnable for reach in found] == [True, False]
-    assert not any(reach.clear for reach in found)
-    (point,) = Grid((10.0,), (10.0,), (5,), (15.62,), (6.61,)).points()
-    easy = next(sweep.reach(TrapSettings(), DRIVING, 50, 0.1, [point]))
-    assert easy.clear
-    escape = [tuple(map(int, easy.escape))]
-    assert reachability.replay(COURSE, sweep.start_of(TrapSettings(), point), escape).tolist() == [
-        True
-    ]
+    alive = alive[rows, chosen]
+    np.testing.assert_allclose(ours[rows, chosen], moved, rtol=2e-6, atol=1e-6)
+    assert 0 < hit.sum() < 300
+    assert not (alive & hit).any()
+    assert alive[(np.abs(moved[:, 1] - 4.0) < 5.9) & ~hit].all()
