@@ -27,8 +27,7 @@ IMPROVEMENT_RESAMPLES = 5_000
 """Fewer, as rliable calls scipy once a task and resample."""
 
 
-def main() -> None:
-    """Compute and store."""
+def main():
     tables = make_tables()
     pairs = [("drawn, 5 seeds", "drawn, 7 seeds"), ("rounded, 6 seeds", "rounded, 4 seeds")]
     stored = {
@@ -53,7 +52,7 @@ def main() -> None:
     (HERE / "rliable_reference.json").write_text(json.dumps(stored, indent=1) + "\n")
 
 
-def make_tables() -> dict[str, np.ndarray]:
+def make_tables():
     """Scores, [seeds, tasks] each."""
     rng = np.random.default_rng(0)
     rows = json.loads(STUDY.read_text())["rows"]
@@ -71,13 +70,11 @@ def make_tables() -> dict[str, np.ndarray]:
     }
 
 
-def iqm(table: np.ndarray) -> dict[str, object]:
-    """Interquartile mean with its interval."""
+def iqm(table):
     return _estimate(table, lambda scores: np.array([metrics.aggregate_iqm(scores)]), IQM_RESAMPLES)
 
 
-def improvement(scores: np.ndarray, others: np.ndarray) -> dict[str, object]:
-    """Probability of improvement with its interval."""
+def improvement(scores, others):
     return _estimate(
         (scores, others),
         lambda x, y: np.array([metrics.probability_of_improvement(x, y)]),
@@ -85,7 +82,7 @@ def improvement(scores: np.ndarray, others: np.ndarray) -> dict[str, object]:
     )
 
 
-def _estimate(scores, statistic, resamples) -> dict[str, object]:
+def _estimate(scores, statistic, resamples):
     # rliable draws from numpy's global state, whatever `random_state` it is given.
     np.random.seed(0)
     value, interval = library.get_interval_estimates({"_": scores}, statistic, reps=resamples)

@@ -68,12 +68,7 @@ def test_jobs_are_arms_times_seeds(tiny, tmp_path):
 def test_none_begins_before_the_one_it_borrows_from(tiny, tmp_path, monkeypatch):
     _, jobs = tiny
     order = []
-
-    def fake(job, interval, ending, out):
-        order.append(job.label)
-        return {job.label: 1.0}
-
-    monkeypatch.setattr(schedule, "_work", fake)
+    monkeypatch.setattr(schedule, "_work", lambda job, *_: order.append(job.label) or {})
     with ThreadPoolExecutor(1) as pool:
         done = [job.label for job, _ in schedule._completed(pool, jobs, 1, OpenFolder(tmp_path))]
     assert done == order
@@ -115,19 +110,18 @@ def test_an_interrupted_run_that_took_over_step_1_goes_on_without_it(tiny, tmp_p
 
 def test_processes_share_what_they_compile_and_leave_nothing_behind(monkeypatch, tmp_path):
     """The user's own flags and cache of compiled programs are respected."""
-    monkeypatch.delenv(schedule.COMPILED, raising=False)
     monkeypatch.setenv("XLA_FLAGS", "--xla_flag_of_the_user=1")
-    with schedule._environment():
-        shared = Path(os.environ[schedule.COMPILED])
-        assert shared.is_dir()
-        assert os.environ["XLA_FLAGS"] == f"--xla_flag_of_the_user=1 {schedule.ONE_THREAD}"
-    assert not shared.exists()
-    assert schedule.COMPILED not in os.environ
-    assert os.environ["XLA_FLAGS"] == "--xla_flag_of_the_user=1"
-    monkeypatch.setenv(schedule.COMPILED, str(tmp_path))
-    with schedule._environment():
-        assert os.environ[schedule.COMPILED] == str(tmp_path)
-    assert tmp_path.exists()
+    for own in (None, str(tmp_path)):
+        monkeypatch.delenv(schedule.COMPILED, raising=False)
+        if own:
+            monkeypatch.setenv(schedule.COMPILED, own)
+        with schedule._environment():
+            shared = Path(os.environ[schedule.COMPILED])
+            assert shared.is_dir()
+            assert os.environ["XLA_FLAGS"] == f"--xla_flag_of_the_user=1 {schedule.ONE_THREAD}"
+        assert shared.exists() == (str(shared) == own)
+        assert os.environ.get(schedule.COMPILED) == own
+        assert os.environ["XLA_FLAGS"] == "--xla_flag_of_the_user=1"
 
 
 ORPHANS = """
@@ -148,13 +142,12 @@ def test_when_the_parent_is_killed_its_processes_end(tmp_path):
         child = int(parent.stdout.readline())
         os.kill(child, 0)
         parent.kill()
-    deadline = time.monotonic() + 30
-    while time.monotonic() < deadline:
-        try:
+    for _ in range(300):
+        with suppress(ProcessLookupError):
             os.kill(child, 0)
-        except ProcessLookupError:
-            return
-        time.sleep(0.1)
+            time.sleep(0.1)
+            continue
+        return
     pytest.fail("the child outlives its parent")
 
 
@@ -219,7 +212,7 @@ def test_a_job_saves_though_another_process_has_nothing_to_do(tmp_path, way):
         process_group=0,
     ) as parent:
         try:
-            until("[1/2] short done", parent.stderr)
+            assert any(line.startswith("[1/2] short done") for line in parent.stderr)
             while not (tmp_path / "long" / "begun").exists():
                 time.sleep(0.1)
             if way.startswith("SIGTERM"):
@@ -233,14 +226,6 @@ def test_a_job_saves_though_another_process_has_nothing_to_do(tmp_path, way):
     assert (tmp_path / "long" / "saved").exists()
     assert said == "interrupted\n"
     assert "Traceback" not in errors
-
-
-def until(text, stream):
-    """Read a process's lines up to one that begins so."""
-    for line in stream:
-        if line.startswith(text):
-            return
-    pytest.fail(f"ended without {text!r}")
 
 
 def test_a_reference_driver_is_tested_once_and_never_otherwise(tiny, tmp_path, monkeypatch):
@@ -269,21 +254,19 @@ def test_a_reference_driver_is_tested_once_and_never_otherwise(tiny, tmp_path, m
         jobs_module.check(replace(job, settings=replace(job.settings, scenario=scenario)))
 
 
-def removed(out):
-    shutil.rmtree(out)
-
-
 def moved(out):
     out.rename(out.with_name("elsewhere"))
 
 
 def replaced(out):
     """Whoever comes next has begun the same job."""
-    removed(out)
+    shutil.rmtree(out)
     (out / "runs" / "rule-based" / "seed-5").mkdir(parents=True)
 
 
-@pytest.mark.parametrize(("change", "late"), [(moved, False), (removed, True), (replaced, True)])
+@pytest.mark.parametrize(
+    ("change", "late"), [(moved, False), (shutil.rmtree, True), (replaced, True)]
+)
 def test_a_job_writes_into_no_other_folder(tmp_path, monkeypatch, change, late):
     """Be it changed before the job begins or while it is tested."""
     out, left = tmp_path / "out", []
