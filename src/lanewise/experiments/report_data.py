@@ -7,7 +7,7 @@ from typing import Any
 
 from lanewise import config
 from lanewise.evaluation import metrics
-from lanewise.evaluation.metrics import Paired
+from lanewise.evaluation.metrics import Paired, Summary
 from lanewise.evaluation.settings import WORLDS
 from lanewise.experiments import drives, published
 from lanewise.experiments.claims import Claim
@@ -40,6 +40,16 @@ class ReportData:
         return [figures_of(result) for result in self.results]
 
     @property
+    def summaries(self) -> list[Summary]:
+        """Every test, arm by arm and world by world."""
+        return [s for arm in self.figures for world in WORLDS for s in arm.tests.get(world, ())]
+
+    @property
+    def worlds(self) -> list[str]:
+        """Where any arm was tested."""
+        return [w for w in WORLDS if any(arm.tests.get(w) for arm in self.figures)]
+
+    @property
     def several_seeds(self) -> bool:
         """Whether there is anything to say about seeds."""
         return any(len(result.seeds) > 1 for result in self.results)
@@ -56,22 +66,19 @@ class ReportData:
         found: dict[str, list[tuple[int, SelectedWeights]]] = {}
         for result in self.results:
             for seed in result.seeds:
-                stages = seed.selected
-                for each in stages:
-                    title = result.arm.title
-                    title += f", {each.stage}" if len(stages) > 1 else ""
-                    found.setdefault(title, []).append((seed.job.seed, each))
+                for each in seed.selected:
+                    stage = f", {each.stage}" if len(seed.selected) > 1 else ""
+                    found.setdefault(result.arm.title + stage, []).append((seed.job.seed, each))
         return found
 
     @property
     def paired(self) -> dict[str, dict[int, Paired]]:
         """By arm and seed: the same starts in both worlds."""
-        found = {}
+        found: dict[str, dict[int, Paired]] = {}
         for result in self.results:
-            pairs = {seed.job.seed: paired(seed) for seed in result.seeds}
-            known = {seed: pair for seed, pair in pairs.items() if pair is not None}
-            if known:
-                found[result.arm.name] = known
+            for seed in result.seeds:
+                if (pair := paired(seed)) is not None:
+                    found.setdefault(result.arm.name, {})[seed.job.seed] = pair
         return found
 
 

@@ -9,13 +9,7 @@ from lanewise import config
 from lanewise.evaluation import metrics
 from lanewise.evaluation.metrics import Paired
 from lanewise.evaluation.settings import WORLDS
-from lanewise.experiments import (
-    claims,
-    drives,
-    figures,
-    readings,
-    report_data,
-)
+from lanewise.experiments import claims, drives, figures, readings, report_data
 from lanewise.experiments.claims import Claim, Seed
 from lanewise.experiments.evidence import Evidence
 from lanewise.experiments.experiment import Experiment
@@ -120,30 +114,25 @@ def _ledger(results: Sequence[ArmResult]) -> list[Claim]:
     flat, ours = (by_arm[name] for name in COMPARED)
     explorers = [by_arm[name] for name in SCHEDULES if name != REFERENCE and name in by_arm]
     others = {field: by_arm.get(name, {}) for field, name in OTHERS.items()}
-    return claims.ledger(
-        [
-            Seed(
-                seed,
-                _evidence(ours[seed], PROFILE_SECONDS),
-                _evidence(flat[seed], PROFILE_SECONDS),
-                [_evidence(more[seed]) for more in explorers if seed in more],
-                **{field: _evidence(arm[seed]) for field, arm in others.items() if seed in arm},
-            )
-            for seed in ours
-            if seed in flat
-        ]
-    )
+    seeds = [
+        Seed(
+            seed,
+            _evidence(ours[seed], PROFILE_SECONDS),
+            _evidence(flat[seed], PROFILE_SECONDS),
+            [_evidence(more[seed]) for more in explorers if seed in more],
+            **{field: _evidence(arm[seed]) for field, arm in others.items() if seed in arm},
+        )
+        for seed in ours
+        if seed in flat
+    ]
+    return claims.ledger(seeds)
 
 
 def _evidence(seed: SeedResult, seconds: int | None = None) -> Evidence:
     """What a seed left behind, with a drive of that length where one is asked for."""
-    settled = seed.settled
-    return Evidence(
-        training=seed.episodes,
-        settled=len(seed.episodes) if settled is None else int(settled),
-        test=seed.tests["lanewise"].episodes,
-        recording=None if seconds is None else seed.record(seconds=seconds),
-    )
+    settled = len(seed.episodes) if seed.settled is None else int(seed.settled)
+    drive = None if seconds is None else seed.record(seconds=seconds)
+    return Evidence(seed.episodes, settled, seed.tests["lanewise"].episodes, drive)
 
 
 def _markdown(data: ReportData) -> str:
@@ -167,20 +156,16 @@ def _test_part(data: ReportData) -> list[str]:
     """The paper's test table, and everything known about the seeds."""
     rows = data.figures
     if not data.arm_by_arm:
-        summaries = [s for arm in rows for world in WORLDS for s in arm.tests.get(world, ())]
-        return ["## Test episodes", evaluation_table.markdown(summaries), _pairs(data.paired)]
+        table = evaluation_table.markdown(data.summaries)
+        return ["## Test episodes", table, _pairs(data.paired)]
     parts = ["## Test phase", "Means over seeds, the lowest and the highest seed in parentheses."]
-    for world in WORLDS:
-        if any(arm.tests.get(world) for arm in rows):
-            parts += [f"### In {cell(world)}", experiment_tables.tests(rows, world)]
+    for world in data.worlds:
+        parts += [f"### In {cell(world)}", experiment_tables.tests(rows, world)]
     parts += [_pairs(data.paired)]
     if data.several_seeds:
         held = next((r.arm.title for r in data.results if r.arm.name == REFERENCE), None)
-        parts += [
-            "### Over seeds",
-            _over_seeds_note(held),
-            experiment_tables.over_seeds(rows, held),
-        ]
+        table = experiment_tables.over_seeds(rows, held)
+        parts += ["### Over seeds", _over_seeds_note(held), table]
     return [
         *parts,
         "### Every seed",
@@ -270,15 +255,11 @@ def _figure_part(data: ReportData) -> list[str]:
 
 def _reading_part(data: ReportData) -> list[str]:
     """The rows of the reading, with the settings of every arm."""
-    arms = [
-        readings.ArmSettings(
-            result.arm.title,
-            result.arm.controller,
-            config.flatten(result.seeds[0].job.settings),
-            takes_over=bool(result.arm.high_level),
-        )
-        for result in data.results
-    ]
+    arms = []
+    for result in data.results:
+        arm, settings = result.arm, config.flatten(result.seeds[0].job.settings)
+        takes_over = bool(arm.high_level)
+        arms.append(readings.ArmSettings(arm.title, arm.controller, settings, takes_over))
     return [
         "## What the paper leaves open, row by row",
         f"Settings are those of the arms above. {readings.STAR}",
@@ -332,13 +313,10 @@ def _text(data: ReportData) -> str:
         found = "\n".join(
             f"in {world}, means over seeds (their number in parentheses)\n"
             + experiment_tables.text([arm for arm in rows if arm.tests.get(world)], world)
-            for world in WORLDS
-            if any(arm.tests.get(world) for arm in rows)
+            for world in data.worlds
         )
     else:
-        found = evaluation_table.text(
-            [s for arm in rows for w in WORLDS for s in arm.tests.get(w, ())]
-        )
+        found = evaluation_table.text(data.summaries)
     lines = [line.removeprefix("- ") for line in _pairs(data.paired).splitlines()]
     lines += [f"{claim.verdict}: {claim.text}" for claim in data.ledger]
     return found + "\n" + "".join(f"{line}\n" for line in lines)
