@@ -21,7 +21,7 @@ from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.evaluation.evaluator import EvaluationConfig
 from lanewise.evaluation.metrics import Summary
 from lanewise.evaluation.settings import WORLDS, EvaluationSettings
-from lanewise.evaluation.stepwise import External, Lanewise, Simulator
+from lanewise.evaluation.stepwise import Lanewise, Simulator
 from lanewise.experiments import evaluate_trained, published
 from lanewise.fields.ranges import EPISODES, SEEDS, FieldType
 from lanewise.fields.suggestions import look_up
@@ -262,7 +262,7 @@ def evaluate(
         SWITCH.check("batched", batched)
     config, choices = _course("low-level" if actions is None else actions, settings)
     decide = external_policy.decider(policy, batched, choices, deterministic)
-    chooser = External(decide)
+    chooser = stepwise.external(decide)
     simulator: Simulator = Lanewise()
     if world == "highway-env":
         simulator = interop.evaluation_in_highway_env().HighwayEnv()

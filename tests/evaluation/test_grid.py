@@ -57,19 +57,17 @@ def test_denominators_count_the_starts_they_name():
     assert (low, high) == (pytest.approx(0.4439, abs=1e-4), pytest.approx(0.9748, abs=1e-4))
 
 
-def test_one_start_from_before_both_successes_leaves_the_papers_unknown():
+def test_what_is_unknown_or_nothing_has_no_rate():
+    """One start from before both successes leaves the paper's unknown."""
     share = pool([cell(), cell(escapes=None)])
     assert (share.escapes, share.success_rate) == (None, 0.8)
     assert math.isnan(share.escape_rate)
     told = share.to_json()
     assert (told["escapes"], told["escape_interval"], told["successes"]) == (None, None, 16)
-
-
-def test_nothing_to_count_has_no_rate():
     share = pool([cell(winnable=False)], "winnable")
-    assert math.isnan(share.escape_rate)
     assert share.starts == share.episodes == 0
-    assert share.success_rate != share.success_rate
+    assert math.isnan(share.escape_rate)
+    assert math.isnan(share.success_rate)
     assert share.to_json()["success_interval"] is None
 
 

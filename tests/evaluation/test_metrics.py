@@ -56,36 +56,37 @@ def test_values(summary):
     assert summary.accidents == {"collision": 1, "off_road": 0, "stopped": 1}
 
 
-def test_no_accident_is_no_success():
+def test_a_success_of_ours_is_an_escape_without_an_accident_and_the_papers_any_escape():
     """An episode may end in neither: the ego just stays behind the trap."""
-    behind = dataclasses.replace(FOUR, success=np.array([True, False, False, False]))
-    found = metrics.summarise(behind, controller="hierarchical", world="lanewise").values
-    assert (found["success_rate"], found["accident_rate"]) == (0.25, 0.5)
-
-
-def test_who_passes_the_trap_and_then_crashes_has_the_papers_success_and_not_ours():
-    later = dataclasses.replace(FOUR, escape_time=np.array([14.0, 16.0, 3.0, np.nan]))
+    later = dataclasses.replace(
+        FOUR,
+        success=np.array([True, False, False, False]),
+        escape_time=np.array([14.0, 16.0, 3.0, np.nan]),
+    )
     assert later.escaped.tolist() == [True, True, True, False]
     found = metrics.summarise(later, controller="hierarchical", world="lanewise")
-    assert (found.values["escape_rate"], found.values["success_rate"]) == (0.75, 0.5)
+    assert found.values["escape_rate"] == 0.75
+    assert (found.values["success_rate"], found.values["accident_rate"]) == (0.25, 0.5)
     # Clopper and Pearson's for 3 of 4, from tables.
     assert found.intervals["escape_rate"] == pytest.approx((0.1941, 0.9937), abs=1e-4)
 
 
 def test_json_round_trip(summary):
     stored = json.loads(json.dumps(summary.to_json(), allow_nan=False))
-    again = metrics.Summary.from_json(stored)
-    assert again == summary
+    assert metrics.Summary.from_json(stored) == summary
     assert {"controller", "world", "episodes", "accidents", "intervals"} <= set(stored)
     assert stored["success_rate"] == 0.5
+    # A summary from before both successes is read without the paper's.
+    del stored["escape_rate"], stored["intervals"]["escape_rate"]
+    again = metrics.Summary.from_json(stored)
+    assert "escape_rate" not in again.values
+    assert again.to_json() == stored
 
 
 def test_one_episode_without_goals_or_escape_has_no_nan_in_json():
+    none = np.array([0])
     nothing = dataclasses.replace(
-        first(1),
-        escape_time=np.array([np.nan]),
-        goals=np.array([0]),
-        goals_timed_out=np.array([0]),
+        first(1), escape_time=np.array([np.nan]), goals=none, goals_timed_out=none
     )
     stored = metrics.summarise(nothing, controller="single-level", world="lanewise").to_json()
     json.dumps(stored, allow_nan=False)
@@ -95,17 +96,11 @@ def test_one_episode_without_goals_or_escape_has_no_nan_in_json():
     assert math.isnan(metrics.Summary.from_json(stored).values["escape_time"])
 
 
-def test_a_summary_from_before_both_successes_is_read_without_the_papers(summary):
-    stored = summary.to_json()
-    del stored["escape_rate"], stored["intervals"]["escape_rate"]
-    again = metrics.Summary.from_json(stored)
-    assert "escape_rate" not in again.values
-    assert again.to_json() == stored
-
-
 def test_no_episode_is_refused():
     with pytest.raises(LanewiseError, match="no test episode"):
         metrics.summarise(first(0), controller="single-level", world="lanewise")
+    with pytest.raises(LanewiseError, match="no pair"):
+        metrics.paired(FOUR, first(0))
 
 
 def test_published_interval():
@@ -116,22 +111,16 @@ def test_published_interval():
     assert metrics.published_interval("other", "escape_rate") is None
 
 
-def test_paired_finds_each_difference():
+def test_paired_finds_each_difference_among_the_common_starts():
     other = dataclasses.replace(
         FOUR,
         success=np.array([True, False, False, False]),
         accident=np.array([0, 0, 1, 1], np.int8),
     )
     pair = metrics.paired(FOUR, other)
-    assert pair.differing == (1, 3)
-    assert pair.share == 0.5
-    assert json.loads(json.dumps(pair.to_json()))["identical"] == 2
-
-
-def test_paired_compares_the_common_starts():
+    expected = {"episodes": 4, "identical": 2, "share": 0.5, "differing": [1, 3]}
+    assert json.loads(json.dumps(pair.to_json())) == expected
     assert metrics.paired(FOUR, first(3)) == metrics.Paired(3, ())
-    with pytest.raises(LanewiseError, match="no pair"):
-        metrics.paired(FOUR, first(0))
 
 
 def test_csv_has_one_row_an_episode_in_full_and_is_read_back():

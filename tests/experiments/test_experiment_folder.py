@@ -32,11 +32,8 @@ def stopped(monkeypatch):
 def make(out, *names):
     for name in names:
         path = out / name
-        if name.endswith("/"):
-            path.mkdir(parents=True, exist_ok=True)
-        else:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text("precious")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.mkdir() if name.endswith("/") else path.write_text("precious")
 
 
 @pytest.mark.parametrize("names", [["runs/hierarchical/"], ["runs/seed-0/", "report.md"]])
@@ -97,34 +94,26 @@ def replaced(out):
     make(out, "experiment.json", "report.md", "runs/hierarchical/seed-0/run.json")
 
 
+@pytest.mark.parametrize("late", [False, True])
 @pytest.mark.parametrize("change", [moved, replaced])
-def test_a_report_is_written_into_no_other_folder(tmp_path, monkeypatch, capsys, change):
+def test_a_report_is_written_into_no_other_folder(tmp_path, monkeypatch, capsys, change, late):
     """Changed while the jobs are done, or while the report is drawn."""
+    out, left = tmp_path / "out", {}
 
-    def write_all(place, *arguments):
-        (place / "figures").mkdir()
-        for name in ("figures/a.png", "report.json", reporting.REPORT):
-            (place / name).write_text("new")
+    def break_in(*arguments):
+        change(out)
+        left.update(everything(tmp_path))
+        return {}
+
+    def draw(place, *arguments):
+        make(place, "figures/a.png", "report.json", reporting.REPORT)
+        break_in()
         return "table"
 
-    monkeypatch.setattr(reporting, "_draw", write_all)
-    for late in (False, True):
-        out = tmp_path / str(late) / "out"
-        left = {}
-
-        def break_in(*arguments, out=out, left=left, **others):
-            change(out)
-            left.update(everything(out.parent))
-            return {}
-
-        with monkeypatch.context() as patch:
-            if late:
-                patch.setattr(schedule, "run", lambda *arguments: {})
-                patch.setattr(reporting, "_draw", lambda *a: (write_all(*a), break_in())[0])
-            else:
-                patch.setattr(schedule, "run", break_in)
-            assert main(command(out)) == 2
-        said = capsys.readouterr().err.splitlines()
-        assert f"lanewise: error: {out} was moved, removed or replaced" in said[-2]
-        assert everything(out.parent) == left
-        assert list(out.parent.glob("*/figures")) == []
+    monkeypatch.setattr(reporting, "_draw", draw)
+    monkeypatch.setattr(schedule, "run", (lambda *arguments: {}) if late else break_in)
+    assert main(command(out)) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert f"lanewise: error: {out} was moved, removed or replaced" in said[-2]
+    assert everything(tmp_path) == left
+    assert list(tmp_path.glob("*/figures")) == []

@@ -27,17 +27,9 @@ from lanewise.world.state import World
 Booleans = NDArray[np.bool_]
 
 
-class StepPolicy(Protocol):
-    """Who chooses, for a batch of B drives."""
-
-    def __call__(
-        self, config: EvaluationConfig, drive: Drive, wanted: Booleans, first: bool
-    ) -> tuple[Array, Memory]:
-        """The next decision; ``wanted`` says whose actions count.
-
-        Returns:
-            ([B] low-level actions or [B, 2] continuous ones, [B] the controller's memories).
-        """
+StepPolicy = Callable[[EvaluationConfig, Drive, Booleans, bool], tuple[Array, Memory]]
+"""Who chooses, for a batch of B drives: (test, [B] drives, [B] whose actions count, whether this is
+the first decision) to ([B] low-level actions or [B, 2] continuous ones, [B] later memories)."""
 
 
 class Simulator(Protocol):
@@ -72,33 +64,23 @@ class Lanewise:
         return _step(config, drive, memory, action)
 
 
-@dataclass(frozen=True)
-class Greedy:
+def greedy(parameters: Parameters) -> StepPolicy:
     """A controller's own networks choose."""
-
-    parameters: Parameters
-
-    def __call__(
-        self, config: EvaluationConfig, drive: Drive, wanted: Booleans, first: bool
-    ) -> tuple[Array, Memory]:
-        """As of `StepPolicy`."""
-        return _act(config, self.parameters, drive)
+    return lambda config, drive, wanted, first: _act(config, parameters, drive)
 
 
-@dataclass(frozen=True)
-class External:
+def external(decide: Decide) -> StepPolicy:
     """Anyone's policy takes the place of the one network of a controller, or of the controller."""
 
-    decide: Decide
-
-    def __call__(
-        self, config: EvaluationConfig, drive: Drive, wanted: Booleans, first: bool
+    def choose(
+        config: EvaluationConfig, drive: Drive, wanted: Booleans, first: bool
     ) -> tuple[Array, Memory]:
-        """As of `StepPolicy`; a continuous action is one already."""
-        choices = jnp.asarray(self.decide(np.asarray(drive.percept.features), wanted, first))
+        choices = jnp.asarray(decide(np.asarray(drive.percept.features), wanted, first))
         if jnp.issubdtype(choices.dtype, jnp.floating):
             return choices, drive.memory
         return _choose(config, drive, choices)
+
+    return choose
 
 
 def evaluate(
@@ -196,14 +178,11 @@ def _recording(config: EvaluationConfig, frames: Sequence[Drive]) -> Recording:
     first: World = frames[0].episode.world
     vehicles, goal = world.vehicles, config.controller.goal(stacked.memory)
     count = len(frames)
+    nothing = np.zeros(count)
     # The goal under way in the first frame is the one that its decision sets.
     under_way = np.maximum(np.arange(count), 1)
-
-    def of_goal(values: Any, dtype: type = np.int64) -> NDArray[Any]:
-        return np.asarray(values, dtype)[under_way]
-
-    ended = np.zeros(count) if goal is None else np.asarray(goal.ended)
-    timed_out = np.zeros(count) if goal is None else np.asarray(goal.timed_out)
+    goal_lane = nothing - 1 if goal is None else np.asarray(goal.goal.lane)
+    goal_speed = nothing * np.nan if goal is None else np.asarray(goal.goal.speed)
     return Recording(
         controller=config.controller.name,
         time=np.arange(count, dtype=np.float64) * config.driving.decision_duration,
@@ -218,10 +197,10 @@ def _recording(config: EvaluationConfig, frames: Sequence[Drive]) -> Recording:
         width=np.asarray(first.drivers.width, np.float64),
         lane_centre=np.asarray(first.road.centre, np.float64)[first.road.present],
         lane_width=np.asarray(first.road.width, np.float64)[first.road.present],
-        goal_lane=of_goal(np.full(count, -1) if goal is None else goal.goal.lane),
-        goal_speed=of_goal(np.full(count, np.nan) if goal is None else goal.goal.speed, np.float64),
-        goals_ended=np.asarray(ended, np.int64),
-        goals_timed_out=np.asarray(timed_out, np.int64),
+        goal_lane=np.asarray(goal_lane, np.int64)[under_way],
+        goal_speed=np.asarray(goal_speed, np.float64)[under_way],
+        goals_ended=np.asarray(nothing if goal is None else goal.ended, np.int64),
+        goals_timed_out=np.asarray(nothing if goal is None else goal.timed_out, np.int64),
         reward=np.asarray(stats.outcome.reward, np.float64),
         accumulated_reward=np.asarray(stats.timestep_reward, np.float64),
         escaped=np.asarray(stats.escaped, np.bool_),

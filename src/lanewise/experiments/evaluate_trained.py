@@ -6,7 +6,7 @@ from lanewise import interop
 from lanewise.evaluation import evaluator, stepwise
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.evaluation.evaluator import EvaluationConfig
-from lanewise.evaluation.stepwise import Greedy, Lanewise
+from lanewise.evaluation.stepwise import Lanewise, greedy
 from lanewise.runs.trained import Trained
 from lanewise.system.progress import Progress
 from lanewise.training import recipe
@@ -32,7 +32,7 @@ def evaluate(
         return evaluator.evaluate(config, trained.parameters, seed, episodes, done)
     simulator = interop.evaluation_in_highway_env().HighwayEnv()
     reporter.stage(f"{trained.name} in highway-env", episodes)
-    return stepwise.evaluate(config, Greedy(trained.parameters), simulator, seed, episodes, done)
+    return stepwise.evaluate(config, greedy(trained.parameters), simulator, seed, episodes, done)
 
 
 def record(
@@ -46,5 +46,5 @@ def record(
     if world == "highway-env":
         simulator = interop.evaluation_in_highway_env().HighwayEnv()
     return stepwise.record(
-        evaluation_config(trained), Greedy(trained.parameters), simulator, seed, episode
+        evaluation_config(trained), greedy(trained.parameters), simulator, seed, episode
     )

@@ -204,26 +204,6 @@ def _build_vehicle(road: Any, state: SimpleNamespace, driver: SimpleNamespace) -
     return vehicle
 
 
-def _kinematics(lanes: int, lane_width: float) -> dict[str, Any]:
-    width = lane_width * lanes
-    return {
-        "type": "Kinematics",
-        "vehicles_count": 5,
-        "features": ["presence", "x", "y", "vx", "vy"],
-        "features_range": {
-            "x": [-200.0, 200.0],
-            "y": [-width, width],
-            "vx": [-80.0, 80.0],
-            "vy": [-80.0, 80.0],
-        },
-        "absolute": False,
-        "normalize": True,
-        "clip": True,
-        "see_behind": False,
-        "order": "sorted",
-    }
-
-
 def build_env(
     world: World,
     *,
@@ -236,12 +216,12 @@ def build_env(
 ) -> HighwayEnv:
     """Make a live highway-env environment whose road and vehicles equal our world.
 
-    EXTERNAL and CONSTANT vehicles are plain `Vehicle`s, RULE_BASED ones `IDMVehicle`s whose
-    parameters are set on the instance. The EXTERNAL one is driven by a DiscreteAction of nine
-    actions; of several each is, by a tuple of actions in their order (MultiAgentAction). Where
-    there is none, the ego is vehicle 0, which must be RULE_BASED and ignores actions. The
-    observation, reward and endings are those of the first driven vehicle; the observation is
-    Kinematics with fixed ranges.
+    It is not to be reset: a reset would replace the road and all vehicles. EXTERNAL and CONSTANT
+    vehicles are plain `Vehicle`s, RULE_BASED ones `IDMVehicle`s whose parameters are set on the
+    instance. The EXTERNAL one is driven by a DiscreteAction of nine actions; of several each is, by
+    a tuple of actions in their order (MultiAgentAction). Where there is none, the ego is vehicle 0,
+    which must be RULE_BASED and ignores actions. The observation, reward and endings are those of
+    the first driven vehicle; the observation is Kinematics with fixed ranges.
 
     Args:
         world: one world, any float type; absent vehicles are left out.
@@ -251,9 +231,6 @@ def build_env(
         steering: size of the steering action, rad.
         duration: after which an episode is truncated, simulated s, rounded up to decisions.
         render_mode: as of Gymnasium.
-
-    Returns:
-        The environment, not to be reset: a reset would replace the road and all vehicles.
 
     Raises:
         SettingsError: nobody could be driven, lanes are missing in between, a limit of the slip
@@ -268,6 +245,9 @@ def build_env(
     driving = DrivingSettings(simulation_frequency, decision_frequency)
     network = _build_network(world.road)
     lanes = len(_present(world.road))
+    width = lanes * float(np.asarray(world.road.width)[0])
+    limits = {"x": 200.0, "y": width, "vx": 80.0, "vy": 80.0}
+    ranges = {name: [-limit, limit] for name, limit in limits.items()}
     action = {
         "type": "DiscreteAction",
         "acceleration_range": (-acceleration, acceleration),
@@ -284,7 +264,7 @@ def build_env(
         # long it lasts; half a decision early, as it is a sum of rounded numbers.
         "duration": (driving.decisions_in(duration) - 0.5) / decision_frequency,
         "action": action if len(driven) < 2 else several,
-        "observation": _kinematics(lanes, float(np.asarray(world.road.width)[0])),
+        "observation": {"type": "Kinematics", "features_range": ranges},
         "offscreen_rendering": True,
     }
     env = HighwayEnv(config=config, render_mode=render_mode)
