@@ -27,12 +27,12 @@ class Starts:
         worlds = jax.device_get(self.states.episode.world)
         self.worlds = [jax.tree.map(lambda leaf, i=i: leaf[i], worlds) for i in range(count)]
         rng = np.random.default_rng(seed)
-        self.actions = rng.integers(0, actions.COUNT, (count, self.task.rules.duration))
+        self.actions = rng.integers(0, actions.COUNT, (count, self.task.duration))
 
     def env(self, index):
         """highway-env at a start; after the last one they begin again."""
         world = self.worlds[index % len(self.worlds)]
-        return highway_env_evaluation.live(self.task.rules.driving, world, self.task.rules.duration)
+        return highway_env_evaluation.live(self.task.driving, world, self.task.duration)
 
     def accident(self, env):
         """Code of the accident the ego is in."""
@@ -40,7 +40,7 @@ class Starts:
             return accidents.COLLISION
         if not env.vehicle.on_road:
             return accidents.OFF_ROAD
-        stopped = env.vehicle.speed < self.task.rules.driving.stopped_speed
+        stopped = env.vehicle.speed < self.task.driving.stopped_speed
         return accidents.STOPPED if stopped else accidents.NONE
 
 
@@ -55,7 +55,7 @@ def world(vehicles, lanes, seconds, seed=0, latency=False):
         env.step(int(starts.actions[index % STARTS, decisions]))
         decisions += 1
         code = starts.accident(env)
-        if code or decisions == starts.task.rules.duration:
+        if code or decisions == starts.task.duration:
             ended[ENDINGS[(code or TRUNCATED) - 1]] += 1
             env.close()
             index, decisions = index + 1, 0
@@ -67,7 +67,7 @@ def world(vehicles, lanes, seconds, seed=0, latency=False):
         rate = timing.calls_per_second(decide, seconds)
         if latency:
             return timing.result(1e6 / rate, "microseconds a decision", ended=ended)
-        return timing.driving(rate, vehicles, starts.task.rules.driving.ticks_per_decision, ended)
+        return timing.driving(rate, vehicles, starts.task.driving.ticks_per_decision, ended)
 
     return timed
 

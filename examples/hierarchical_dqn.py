@@ -300,7 +300,7 @@ def evaluate(step: Step, split: str, episodes: int, seed: int, high: Any, networ
             return select(drive.state.episode.outcome.over, drive, after)
 
         drive = begin(high, state, shown.observation)
-        return jax.lax.fori_loop(0, trap.rules.duration, decide, drive).state.episode.stats
+        return jax.lax.fori_loop(0, trap.duration, decide, drive).state.episode.stats
 
     return jax.vmap(episode)(jnp.arange(episodes))
 

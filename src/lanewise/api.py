@@ -327,11 +327,10 @@ def _course(actions: str, settings: dict[str, Any]) -> tuple[EvaluationConfig, i
     """
     given: dict[str, Any] = {"split": "test"} | settings
     task = functional.make(actions, **given)
-    rules = task.rules
     controller: Any = SingleLevel()
     if isinstance(task.control, GoalControl):
-        controller = task.control.planned(rules.driving)
+        controller = task.control.planned(task.driving)
     config = EvaluationConfig(
-        task.scenario, rules.driving, controller, rules.duration, task.split, task=rules.task
+        task.scenario, task.driving, controller, task.duration, task.split, task=task.task
     )
     return config, task.control.count

@@ -1,4 +1,4 @@
-"""The planner drives the real ticks of the world, alone on the road, to every goal."""
+"""The planner drives the bicycle of the world, alone on the road, to every goal."""
 
 from functools import cache
 
@@ -13,7 +13,7 @@ from lanewise.controllers.goals import Goal
 from lanewise.controllers.settings import PlannerSettings
 from lanewise.driving import actions, percept
 from lanewise.driving.settings import DrivingSettings
-from lanewise.world import bicycle, build, road, tick
+from lanewise.world import bicycle, build, motion, road
 from lanewise.world.settings import PAPER_DRIVER
 from lanewise.world.state import EXTERNAL, World
 
@@ -32,6 +32,11 @@ CASES = np.array(
 """Initial speed, target lane, target speed; everyone starts in lane 1."""
 
 
+def move(world):
+    """A tick of a vehicle that meets nobody."""
+    return bicycle.move(world, motion.heading_trig(world.vehicles), DRIVING.tick_duration)
+
+
 def drive(speed, lane, target):
     """(offset from the target lane, heading, speed difference) after each decision."""
     lanes = road.straight_road(3)
@@ -46,7 +51,7 @@ def drive(speed, lane, target):
         action = planner.act(PLANNER, DRIVING, Goal(lane, target), seen)
         commands = actions.commands(DRIVING.actions, action, jnp.dtype(jnp.float32))
         world = bicycle.command(world, *commands)
-        world = tick.run(world, DRIVING.tick_duration, DRIVING.ticks_per_decision)
+        world = jax.lax.fori_loop(0, DRIVING.ticks_per_decision, lambda _, now: move(now), world)
         ego = world.vehicles
         return world, (ego.y[0] - lanes.centre[lane], ego.heading[0], ego.speed[0] - target)
 

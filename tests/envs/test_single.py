@@ -152,7 +152,7 @@ def test_a_video_of_an_episode_whose_time_runs_out_runs_in_real_time(tmp_path):
 
 def test_decisions_shorter_than_their_frequency_says_fill_the_duration_in_real_time():
     env = gymnasium.make("lanewise/Trap-v0", simulation_frequency=15).unwrapped
-    assert env.config.rules.duration == 54
+    assert env.config.duration == 54
     assert env.metadata["render_fps"] == pytest.approx(15 / 7)
     many = gymnasium.make_vec("lanewise/Trap-v0", num_envs=1, simulation_frequency=15)
     assert many.metadata["render_fps"] == env.metadata["render_fps"]

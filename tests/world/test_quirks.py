@@ -195,16 +195,6 @@ def test_new_targets_of_earlier_vehicles_are_seen():
         assert (found[starter], found[changer]) == (1, 0 if aborted else 1)
 
 
-def test_ties_between_neighbours():
-    """Side by side counts as ahead for both; of equals ahead the last, behind the first.
-
-    Driver 5 is behind 6 m/s, 4 behind 6 m/s and 6 behind 5 m/s; 4 m/s is behind 1.
-    """
-    world = make_world([-9, 50, 50, 20, 20, 20], [0] * 6, y=[0, 0, 1.5, -1.5, 0, 1.5],
-                       speed=np.arange(1.0, 7.0))  # fmt: skip
-    assert_equal(*both(world), ("acceleration", "speed", "target_lane"))
-
-
 @pytest.mark.parametrize(("offset", "found"), [(3.0, True), (3.001, False)])
 def test_a_changing_vehicle_is_on_two_lanes(offset, found):
     world = make_world([0, 0, 12], [2, 1, 0], y=[8, 4, 4 - offset], kinds=[0, 2, 1])

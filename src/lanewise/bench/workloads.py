@@ -40,7 +40,7 @@ ENDINGS = ("collision", "off_road", "stopped", "truncated")
 def world(worlds: int, vehicles: int, lanes: int, seconds: float, seed: int = 0) -> Timed:
     """Vehicle-ticks/s of random driving in compiled chunks, observations and starts included."""
     trap = functional.make(vehicles_ahead=vehicles - 3, lanes=lanes)
-    ticks = trap.rules.driving.ticks_per_decision
+    ticks = trap.driving.ticks_per_decision
 
     def decide(batch: Any, _: None) -> tuple[Any, Any]:
         states, _observations, key = batch

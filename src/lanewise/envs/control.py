@@ -14,6 +14,7 @@ from lanewise.driving import actions, episode, percept
 from lanewise.driving.episode import Episode
 from lanewise.driving.settings import DrivingSettings
 from lanewise.driving.task_functions import TaskFunctions
+from lanewise.scenario.settings import TrapSettings
 
 Memory = Any
 """A control's own pytree, carried from step to step."""
@@ -22,13 +23,17 @@ Driven = tuple[Episode, Memory, Array]
 
 
 @dataclass(frozen=True)
-class Rules:
-    """What every control needs to know of the episode. Static."""
+class EnvConfig:
+    """What stays the same through all episodes. Static: an argument of compiled functions."""
 
+    scenario: TrapSettings
     driving: DrivingSettings
     task: TaskFunctions
+    control: "Control"
     duration: int
     """Decisions after which an episode is truncated."""
+    split: str
+    """From which starts: ``training``, ``validation`` or ``test``."""
 
 
 class Control(Protocol):
@@ -38,10 +43,10 @@ class Control(Protocol):
     def count(self) -> int:
         """Number of actions, int32 []; 0 for continuous ones, [2] from -1 to 1."""
 
-    def begin(self, rules: Rules, state: Episode) -> Memory:
+    def begin(self, config: EnvConfig, state: Episode) -> Memory:
         """The memory at an episode's start."""
 
-    def drive(self, rules: Rules, state: Episode, memory: Memory, action: Array) -> Driven:
+    def drive(self, config: EnvConfig, state: Episode, memory: Memory, action: Array) -> Driven:
         """What becomes of an action."""
 
 
@@ -51,15 +56,15 @@ class DirectControl:
 
     count: int = actions.COUNT
 
-    def begin(self, rules: Rules, state: Episode) -> tuple[()]:
+    def begin(self, config: EnvConfig, state: Episode) -> tuple[()]:
         """Nothing to remember."""
         return ()
 
-    def drive(self, rules: Rules, state: Episode, memory: tuple[()], action: Array) -> Driven:
+    def drive(self, config: EnvConfig, state: Episode, memory: tuple[()], action: Array) -> Driven:
         """One decision."""
-        commands = actions.of_any(rules.driving.actions, action, state.world.vehicles.x.dtype)
+        commands = actions.of_any(config.driving.actions, action, state.world.vehicles.x.dtype)
         after = episode.step_with_commands(
-            rules.driving, state, *commands, rules.duration, rules.task
+            config.driving, state, *commands, config.duration, config.task
         )
         return after, memory, after.outcome.reward
 
@@ -80,15 +85,15 @@ class GoalControl:
         """The controller whose high level's place the actions take."""
         return Planned(driving, self.goals, self.planner, renewal="critic")
 
-    def begin(self, rules: Rules, state: Episode) -> Memory:
+    def begin(self, config: EnvConfig, state: Episode) -> Memory:
         """No goal yet."""
-        seen = percept.perceive(rules.driving.observation, state.world)
-        return self.planned(rules.driving).start(seen)
+        seen = percept.perceive(config.driving.observation, state.world)
+        return self.planned(config.driving).start(seen)
 
-    def drive(self, rules: Rules, state: Episode, memory: Memory, action: Array) -> Driven:
+    def drive(self, config: EnvConfig, state: Episode, memory: Memory, action: Array) -> Driven:
         """As many decisions as the goal lasts."""
-        planned = self.planned(rules.driving)
-        seen = percept.perceive(rules.driving.observation, state.world)
+        planned = self.planned(config.driving)
+        seen = percept.perceive(config.driving.observation, state.world)
         (level,) = planned.levels
         memory = level.choose(memory, seen, action)
 
@@ -99,11 +104,11 @@ class GoalControl:
 
         def decide(carry: Driven) -> Driven:
             state, memory, reward = carry
-            seen = percept.perceive(rules.driving.observation, state.world)
+            seen = percept.perceive(config.driving.observation, state.world)
             low_level, memory = planned.act(memory, seen)
-            state = episode.step(rules.driving, state, low_level, rules.duration, rules.task)
+            state = episode.step(config.driving, state, low_level, config.duration, config.task)
             memory = planned.perceive(
-                memory, percept.perceive(rules.driving.observation, state.world)
+                memory, percept.perceive(config.driving.observation, state.world)
             )
             return state, memory, reward + state.outcome.reward
 

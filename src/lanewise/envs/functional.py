@@ -19,26 +19,14 @@ from lanewise.driving.actions import are_numbers
 from lanewise.driving.episode import Episode
 from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions, checked
 from lanewise.envs import keywords
-from lanewise.envs.control import Control, DirectControl, GoalControl, Rules
+from lanewise.envs.control import Control, DirectControl, EnvConfig, GoalControl
 from lanewise.errors import ActionError, SettingsError
 from lanewise.fields.suggestions import look_up
-from lanewise.scenario.settings import TrapSettings
 from lanewise.scenario.trap import SPLITS
 from lanewise.system import pinned, process
 
 ACTIONS = ("low-level", "goal", "continuous")
 """What an action may be, see `lanewise.envs.control`."""
-
-
-@dataclass(frozen=True)
-class EnvConfig:
-    """What stays the same through all episodes. Static: an argument of compiled functions."""
-
-    scenario: TrapSettings
-    control: Control
-    rules: Rules
-    split: str
-    """From which starts: ``training``, ``validation`` or ``test``."""
 
 
 @jax.tree_util.register_dataclass
@@ -124,8 +112,10 @@ def make(
     }
     return EnvConfig(
         scenario=composed.scenario,
+        driving=composed.driving,
+        task=task,
         control=look_up("kind of action", actions, controls),
-        rules=Rules(composed.driving, task, composed.driving.decisions_in(float(duration))),
+        duration=composed.driving.decisions_in(float(duration)),
         split=split,
     )
 
@@ -133,7 +123,7 @@ def make(
 @pinned.jit(static_argnums=0)
 def reset(config: EnvConfig, key: Array) -> tuple[State, Step]:
     """A fresh episode, whose start is drawn by a random key, and what it shows."""
-    return start(config, config.rules.task.start(config.scenario, pinned.own(key), config.split))
+    return start(config, config.task.start(config.scenario, pinned.own(key), config.split))
 
 
 @pinned.jit(static_argnums=0)
@@ -153,9 +143,7 @@ def step(config: EnvConfig, state: State, action: Array) -> tuple[State, Step]:
     _check_kind(config.control, given)
     # In 32 bits, also from a caller whose JAX has 64.
     chosen = given.astype(jnp.float32 if jnp.issubdtype(given.dtype, jnp.floating) else jnp.int32)
-    return after_step(
-        config, *config.control.drive(config.rules, state.episode, state.memory, chosen)
-    )
+    return after_step(config, *config.control.drive(config, state.episode, state.memory, chosen))
 
 
 def _check_kind(control: Control, action: Array) -> None:
@@ -171,7 +159,7 @@ def after_step(config: EnvConfig, after: Episode, memory: Any, reward: Array) ->
     state = State(after, memory, reward)
     outcome = after.outcome
     return state, Step(
-        observation=config.rules.task.observe(config.rules.driving.observation, after.world),
+        observation=config.task.observe(config.driving.observation, after.world),
         reward=reward,
         terminated=outcome.terminated,
         truncated=outcome.truncated,
@@ -207,5 +195,5 @@ def restarted(config: EnvConfig, states: State, steps: Step, keys: Array) -> tup
 def start(config: EnvConfig, world: Any) -> tuple[State, Step]:
     """A fresh episode from a world of one's own (`lanewise.scenario.trap.place` makes them)."""
     begun = episode.begin(world)
-    memory = config.control.begin(config.rules, begun)
+    memory = config.control.begin(config, begun)
     return after_step(config, begun, memory, jnp.zeros_like(world.vehicles.x[0]))

@@ -6,7 +6,8 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from lanewise.envs.functional import EnvConfig, State
+from lanewise.envs.control import EnvConfig
+from lanewise.envs.functional import State
 from lanewise.evaluation.episodes import Recording
 from lanewise.report.frame import frame
 from lanewise.scenario import trap
@@ -22,7 +23,7 @@ def picture(config: EnvConfig, state: State, *, success: bool, accident: int) ->
     world, stats = fetched.episode.world, fetched.episode.stats
     road, vehicles, lanes = world.road, world.vehicles, world.road.present
     under_way = getattr(fetched.memory, "goal", None)
-    time = int(stats.decisions) * config.rules.driving.decision_duration
+    time = int(stats.decisions) * config.driving.decision_duration
     still = Recording(
         controller="lanewise",
         time=one(time),

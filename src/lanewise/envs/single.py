@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from lanewise.driving import actions
 from lanewise.envs import functional, spaces
-from lanewise.envs.functional import EnvConfig, State
+from lanewise.envs.control import EnvConfig
+from lanewise.envs.functional import State
 from lanewise.envs.starts import Starts
 from lanewise.errors import SettingsError
 from lanewise.fields.suggestions import look_up
@@ -173,7 +174,7 @@ def refuse_unusable(closed: bool) -> None:
 
 def metadata(config: EnvConfig) -> dict[str, Any]:
     """Render modes, and frames a second at which a video of every decision runs in real time."""
-    rate = 1.0 / config.rules.driving.decision_duration
+    rate = 1.0 / config.driving.decision_duration
     whole = round(rate)
     return {
         "render_modes": list(RENDER_MODES),

@@ -3,6 +3,7 @@
 What a step shows is packed into one row, so that one fetch brings it to NumPy.
 """
 
+from dataclasses import fields
 from typing import Any
 
 import jax.numpy as jnp
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 
 from lanewise.driving import observation
 from lanewise.driving.task_functions import PAPER_TASK
-from lanewise.envs.functional import EnvConfig, Step
+from lanewise.envs.control import EnvConfig
+from lanewise.envs.functional import Step
 from lanewise.system import pinned
 
 FACTS = (
@@ -26,7 +28,7 @@ FACTS = (
     ("speed", np.float64),
     ("timestep_reward", np.float64),
 )
-"""What stands behind the observation, and as what it is handed on."""
+"""What stands behind the observation, in the order of `Step`, and as what it is handed on."""
 INFO = tuple(name for name, _ in FACTS[3:])
 """Of these, what stands in ``info``."""
 
@@ -41,21 +43,18 @@ def of_actions(config: EnvConfig) -> Discrete | Box:
 def of_observations(config: EnvConfig) -> Space[NDArray[np.float32]]:
     """What `functional.step` shows; without limits where a user's own function observes."""
     limit = np.inf
-    if config.rules.task.observe is PAPER_TASK.observe:
-        fine = config.rules.driving.observation.scaling == "fine"
+    if config.task.observe is PAPER_TASK.observe:
+        fine = config.driving.observation.scaling == "fine"
         limit = observation.FINE_LIMIT if fine else 1.0
-    size = config.rules.task.validate(config.scenario, config.rules.driving)
+    size = config.task.validate(config.scenario, config.driving)
     box: Any = Box(-limit, limit, (size,), np.float32)
     return box  # type: ignore[no-any-return]
 
 
 def pack(step: Step) -> Array:
     """One row, float32 [n + 8]."""
-    facts = (
-        *(step.reward, step.terminated, step.truncated),
-        *(step.escaped, step.success, step.accident, step.speed, step.timestep_reward),
-    )
-    return jnp.concatenate([step.observation, jnp.stack([jnp.float32(fact) for fact in facts])])
+    facts = [jnp.float32(getattr(step, field.name)) for field in fields(step)[1:]]
+    return jnp.concatenate([step.observation, jnp.stack(facts)])
 
 
 def unpack(rows: Any) -> tuple[NDArray[np.float32], dict[str, NDArray[Any]]]:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from lanewise.driving import actions, episode
 from lanewise.envs import functional, spaces
-from lanewise.envs.functional import EnvConfig, State
+from lanewise.envs.control import EnvConfig
+from lanewise.envs.functional import State
 from lanewise.envs.single import TrapEnv
 from lanewise.interop import evaluation_in_highway_env
 from lanewise.scenario import trap
@@ -47,7 +48,7 @@ class TrapHighwayEnv(TrapEnv):
 
     def _begin(self, seed: int, index: int) -> Any:
         world = jax.device_get(_start(self.config, jnp.uint32(seed), jnp.int32(index)))
-        fresh = highway.live(self.config.rules.driving, world, self.config.rules.duration)
+        fresh = highway.live(self.config.driving, world, self.config.duration)
         self._state, row = _begun(self.config, highway.read(fresh))
         self._let_go()
         self.highway_env = fresh
@@ -64,7 +65,7 @@ class TrapHighwayEnv(TrapEnv):
 @pinned.jit(static_argnums=0)
 def _start(config: EnvConfig, seed: Array, index: Array) -> World:
     """Start ``index`` of a seed."""
-    return config.rules.task.start(
+    return config.task.start(
         config.scenario, trap.start_key(seed, config.split, index), config.split
     )
 
@@ -79,10 +80,9 @@ def _begun(config: EnvConfig, world: World) -> tuple[State, Array]:
 @pinned.jit(static_argnums=0)
 def _evaluated(config: EnvConfig, state: State, world: World, action: Array) -> tuple[State, Array]:
     """(state, row) after a decision that highway-env simulated."""
-    rules = config.rules
-    _, steering = actions.commands(rules.driving.actions, action, world.vehicles.x.dtype)
+    _, steering = actions.commands(config.driving.actions, action, world.vehicles.x.dtype)
     after = episode.evaluate_step(
-        rules.driving, state.episode, world, steering, rules.duration, rules.task
+        config.driving, state.episode, world, steering, config.duration, config.task
     )
     state, shown = functional.after_step(config, after, state.memory, after.outcome.reward)
     return state, spaces.pack(shown)

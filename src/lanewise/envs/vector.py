@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from lanewise.driving import restarting
 from lanewise.driving.actions import checked
 from lanewise.envs import functional, single, spaces
-from lanewise.envs.functional import EnvConfig, State
+from lanewise.envs.control import EnvConfig
+from lanewise.envs.functional import State
 from lanewise.envs.keywords import plain
 from lanewise.envs.starts import Starts, mapping
 from lanewise.fields.ranges import Between, FieldType
