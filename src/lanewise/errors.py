@@ -54,7 +54,7 @@ def printable(text: str) -> str:
     """
     if text.isascii() and text.replace("\n", "").isprintable():
         return text
-    return "".join(_spelled(char) if _steers(char) else char for char in text)
+    return "".join(map(_spelled, text))
 
 
 def one_line(value: object) -> str:
@@ -81,11 +81,9 @@ def _shell_word(word: str) -> str:
     return f"$'{''.join(spelled)}'"
 
 
-def _steers(char: str) -> bool:
-    return char not in ("\n", *_JOINERS) and unicodedata.category(char) in _STEERING
-
-
 def _spelled(char: str) -> str:
+    if char in ("\n", *_JOINERS) or unicodedata.category(char) not in _STEERING:
+        return char
     return (
         char.encode("ascii", "backslashreplace").decode()
         if char > "\x7f"

@@ -152,20 +152,13 @@ def _by_name(table: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
 
 def dump_toml(settings: Settings) -> str:
     """Writes every setting as TOML, in the order of the fields; ``load_toml`` reads it back."""
-    return "\n\n".join(_tables(settings)) + "\n"
-
-
-def _tables(part: Any, name: str = "") -> list[str]:
-    """The TOML table of a section, with its own settings alone, and the tables below it."""
-    own, below = [f"[{name}]"], []
-    for item in dataclasses.fields(part):
-        value = getattr(part, item.name)
-        if dataclasses.is_dataclass(value):
-            below += _tables(value, f"{name}.{item.name}" if name else item.name)
-        else:
-            # For finite numbers, truth values, text and lists of these, JSON is TOML.
-            own.append(f"{item.name} = {json.dumps(value, allow_nan=False)}")
-    return ["\n".join(own), *below] if len(own) > 1 else below
+    tables: dict[str, list[str]] = {}
+    for name, value in flatten(settings).items():
+        section, _, leaf = name.rpartition(".")
+        # For finite numbers, truth values, text and lists of these, JSON is TOML.
+        line = f"{leaf} = {json.dumps(value, allow_nan=False)}"
+        tables.setdefault(section, [f"[{section}]"]).append(line)
+    return "\n\n".join("\n".join(lines) for lines in tables.values()) + "\n"
 
 
 def digest(settings: Settings) -> str:

@@ -196,12 +196,14 @@ def _apart(name: str, distance: float) -> None:
 
 
 def _check_driving(settings: Settings) -> None:
-    _at_most(settings, "driving.decision_frequency", "driving.simulation_frequency")
-    _at_most(settings, "goals.lowest_speed", "goals.highest_speed")
+    _below(settings, "driving.decision_frequency", "driving.simulation_frequency")
+    _below(settings, "goals.lowest_speed", "goals.highest_speed")
     why = "or goals in the next lane are reached in this one"
-    _less(settings, "goals.lateral_tolerance", "scenario.lane_width", why)
+    _below(settings, "goals.lateral_tolerance", "scenario.lane_width", why)
     why = "or a new speed is reached before it is driven"
-    _less(settings, "goals.speed_tolerance", "goals.speed_step", why)
+    _below(settings, "goals.speed_tolerance", "goals.speed_step", why)
+    why = "or goals ask for an accident"
+    _below(settings, "driving.stopped_speed", "goals.lowest_speed", why)
     reward = settings.driving.reward
     if not (reward.speed_weight or reward.steering_weight or reward.centring_weight):
         raise SettingsError(
@@ -218,21 +220,19 @@ def _check_driving(settings: Settings) -> None:
                 f"scenario.{name} must be more than driving.stopped_speed ({show(stopped)}), "
                 f"got {show(speed)}"
             )
-    why = "or goals ask for an accident"
-    _less(settings, "driving.stopped_speed", "goals.lowest_speed", why)
 
 
 def _check_level(settings: Settings, stage: str, section: str) -> None:
     level: LevelSettings = attrgetter(section)(settings)
     learner = f"{section}.learner"
     for name in (f"{learner}.batch_size", f"{learner}.warm_up", f"{stage}.worlds"):
-        _at_most(settings, name, f"{learner}.replay_capacity")
-    _at_most(settings, f"{section}.exploration.end", f"{section}.exploration.start")
+        _below(settings, name, f"{learner}.replay_capacity")
+    _below(settings, f"{section}.exploration.end", f"{section}.exploration.start")
     if level.learner.learning_rate_decay:
-        _at_most(settings, f"{learner}.final_learning_rate", f"{learner}.learning_rate")
+        _below(settings, f"{learner}.final_learning_rate", f"{learner}.learning_rate")
     if attrgetter(stage)(settings).decisions:
         why = "or training ends before the first update"
-        _less(settings, f"{learner}.warm_up", f"{stage}.decisions", why)
+        _below(settings, f"{learner}.warm_up", f"{stage}.decisions", why)
     if len(level.learner.hidden) > MOST_LAYERS:
         raise SettingsError(
             f"{learner}.hidden: at most {MOST_LAYERS} layers, got {len(level.learner.hidden)}"
@@ -244,15 +244,9 @@ def _check_level(settings: Settings, stage: str, section: str) -> None:
         raise SettingsError(f"{section}.{', '.join(rewards)} {are}: there would never be a reward")
 
 
-def _at_most(settings: Settings, lower: str, upper: str) -> None:
+def _below(settings: Settings, lower: str, upper: str, why: str = "") -> None:
+    """Refuses a setting that exceeds another or, where there is a reason, equals it."""
     low, high = attrgetter(lower, upper)(settings)
-    if low > high:
-        raise SettingsError(f"{lower} must be at most {upper} ({show(high)}), got {show(low)}")
-
-
-def _less(settings: Settings, lower: str, upper: str, why: str) -> None:
-    low, high = attrgetter(lower, upper)(settings)
-    if low >= high:
-        raise SettingsError(
-            f"{lower} must be less than {upper} ({show(high)}), {why}; got {show(low)}"
-        )
+    if low > high or (why and low == high):
+        most, why = ("less than", f"{why}; ") if why else ("at most", "")
+        raise SettingsError(f"{lower} must be {most} {upper} ({show(high)}), {why}got {show(low)}")
