@@ -4,16 +4,20 @@ A controller is wrapped so that its memory notes what every level saw and chose 
 came to; episodes, pay, discounts and next features are then worked out from these notes by hand.
 """
 
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
+from lanewise.driving import episode, percept
 from lanewise.driving.episode import EpisodeStats
-from lanewise.training import stage
+from lanewise.driving.task_functions import PAPER_TASK
+from lanewise.training import rollout, stage
 
 
 @jax.tree_util.register_dataclass
@@ -109,33 +113,52 @@ class Seen(EpisodeStats):
 
 def noting(config):
     """The stage config with a controller that notes."""
-    return replace(config, controller=NotedController(config.controller))
+    return replace(config, controller=NotedController(config.controller), task=TASK)
 
 
-def drive(monkeypatch, config, frozen, key, chunks):
-    """The stage itself, chunk by chunk: (its last state, the notes [iterations, worlds])."""
-    own, restart = stage._drive, stage.restarting.restart_finished
-    ended = []
+def drive(config, frozen, key, iterations):
+    """The driving half of a stage: (its last state, the notes [iterations, worlds]).
 
-    def noted_restart(over, rollouts, begin):
-        ended.append(rollouts)
-        return restart(over, rollouts, begin)
-
-    def noted_drive(config, frozen, state, key):
-        after, stats = own(config, frozen, state, key)
-        facts = {name: getattr(stats, name) for name in EpisodeStats.__dataclass_fields__}
-        notes = ended.pop().memory.notes
-        return after, Seen(**facts, notes=notes, paid=stats.outcome.reward)
-
-    monkeypatch.setattr(stage.restarting, "restart_finished", noted_restart)
-    monkeypatch.setattr(stage, "_drive", noted_drive)
-    advance = jax.jit(partial(stage.iterate, config, frozen, count=stage.CHUNK))
-    state = stage.begin(config, frozen, key)
+    Compiled are only the parts that are the same for every controller (`uncompiled`).
+    """
+    state = stage.begin.__wrapped__.__wrapped__(config, frozen, key)
     seen = []
-    for _ in range(chunks):
-        state, metrics = advance(state)
-        seen.append(jax.device_get(metrics.episodes))
-    return state, jax.tree.map(lambda *parts: np.concatenate(parts), *seen)
+    for number in range(iterations):
+        state, stats = stage._drive(config, frozen, state, jax.random.fold_in(key, number))
+        facts = {name: getattr(stats, name) for name in EpisodeStats.__dataclass_fields__}
+        notes = ENDED.pop().memory.notes
+        seen.append(jax.device_get(Seen(**facts, notes=notes, paid=stats.outcome.reward)))
+    return state, jax.tree.map(lambda *parts: np.stack(parts), *seen)
+
+
+ENDED = []
+"""The worlds after a decision, before those that are over begin anew."""
+TASK = replace(PAPER_TASK, start=jax.jit(PAPER_TASK.start, static_argnums=(0, 2)))
+
+
+@contextmanager
+def uncompiled():
+    """Within it a stage is driven operation by operation, but for the world in one program."""
+
+    def restart(over, rollouts, begin):
+        ENDED.append(rollouts)
+        if not over.any():
+            return rollouts
+        return jax.tree.map(
+            lambda new, old: jnp.where(over.reshape(-1, *(1,) * (new.ndim - 1)), new, old),
+            begin(np.arange(len(over))),
+            rollouts,
+        )
+
+    world = SimpleNamespace(
+        begin=jax.jit(episode.begin), step=jax.jit(episode.step, static_argnums=(0, 4))
+    )
+    perceive = jax.jit(percept.perceive, static_argnums=(0, 2))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rollout, "episode", world)
+        patch.setattr(rollout, "percept", SimpleNamespace(perceive=perceive))
+        patch.setattr(stage.restarting, "restart_finished", restart)
+        yield
 
 
 def book(config, seen, name):
