@@ -20,8 +20,8 @@ class Reference:
         self.first = [[np.zeros_like(array) for array in layer] for layer in self.online]
         self.second = [[np.zeros_like(array) for array in layer] for layer in self.online]
         self.losses = []
-        self.chosen = None
-        """Of the last batch: Q-values of the actions taken, and their targets."""
+        self.mean_q = np.nan
+        """Of the last batch, over the actions taken."""
 
     def update(self, batch):
         """One step on a batch of transitions."""
@@ -31,8 +31,8 @@ class Reference:
         chooser = forward(self.online, batch.next_features)[-1] if chosen else next_target
         y = batch.reward + batch.discount * next_target[rows, chooser.argmax(axis=1)]
         activations = forward(self.online, batch.features)
-        self.chosen = activations[-1][rows, batch.action], y
-        error = self.chosen[0] - y
+        error = activations[-1][rows, batch.action] - y
+        self.mean_q = activations[-1][rows, batch.action].mean()
         self.losses.append(np.mean(error**2))
         delta = np.zeros_like(activations[-1])
         delta[rows, batch.action] = 2.0 * error / len(rows)

@@ -47,9 +47,7 @@ def test_fifty_updates_to_ten_digits(double, kind):
             state, metrics = update(settings, state, batch)
             losses.append(float(metrics.loss))
             if len(losses) == 1:
-                q, y = reference.chosen
-                np.testing.assert_allclose(metrics.mean_q, q.mean(), rtol=1e-10)
-                np.testing.assert_allclose(metrics.mean_target, y.mean(), rtol=1e-10)
+                np.testing.assert_allclose(metrics.mean_q, reference.mean_q, rtol=1e-10)
     assert state.online[0][0].dtype == np.float64
     np.testing.assert_allclose(losses, reference.losses, rtol=1e-10)
     for ours, theirs in ((state.online, reference.online), (state.target, reference.target)):

@@ -14,28 +14,22 @@ def settings():
 
 
 @pytest.mark.parametrize(
-    ("name", "renewals"),
-    [("planned", ["critic"]), ("hierarchical", ["critic", "timestep"]), ("h-dqn", ["critic"])],
+    ("name", "in_stages", "in_tests"),
+    [
+        ("planned", ["critic"], "critic"),
+        ("hierarchical", ["critic", "timestep"], "decision"),
+        ("h-dqn", ["critic"], "critic"),
+    ],
 )
-def test_where_a_high_level_learns_the_critic_holds_its_goals(settings, name, renewals):
-    courses = [recipe.stage_config(settings, stage) for stage in recipe.RECIPES[name]]
-    assert [course.controller.renewal for course in courses] == renewals
-
-
-@pytest.mark.parametrize(
-    ("name", "renewal"), [("planned", "critic"), ("hierarchical", "decision"), ("h-dqn", "critic")]
-)
-def test_goals_are_renewed_in_tests_as_in_the_last_training_unless_the_setting_speaks_of_them(
-    settings, name, renewal
-):
-    stage = recipe.RECIPES[name][-1]
-    for course in (
-        recipe.evaluation_config(settings, name),
-        recipe.validation_config(settings, stage),
-    ):
-        assert course.controller.renewal == renewal
-    asked = recipe.evaluation_config(settings, name, "timestep")
-    assert asked.controller.renewal == "timestep"
+def test_where_a_high_level_learns_the_critic_holds_its_goals(settings, name, in_stages, in_tests):
+    """And tests do as the last training, unless the setting speaks of them."""
+    stages = recipe.RECIPES[name]
+    courses = [recipe.stage_config(settings, stage) for stage in stages]
+    courses.append(recipe.evaluation_config(settings, name))
+    courses.append(recipe.validation_config(settings, stages[-1]))
+    courses.append(recipe.evaluation_config(settings, name, "timestep"))
+    renewals = [course.controller.renewal for course in courses]
+    assert renewals == [*in_stages, in_tests, in_tests, "timestep"]
 
 
 def test_weights_are_chosen_on_validation_starts_alone(settings):

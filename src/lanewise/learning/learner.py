@@ -41,8 +41,6 @@ class UpdateMetrics:
     """[] mean squared temporal-difference error."""
     mean_q: jax.Array
     """[] mean Q-value of the actions taken."""
-    mean_target: jax.Array
-    """[] mean target."""
 
 
 def begin(key: jax.Array, settings: LearnerSettings, inputs: int, outputs: int) -> Learner:
@@ -135,8 +133,7 @@ def _loss(
     td = jax.vmap(td_error)(q, batch.action, target)
     loss = jnp.mean(jnp.square(td))
     # y - delta is Q(s, a).
-    metrics = UpdateMetrics(loss, mean_q=jnp.mean(target - td), mean_target=jnp.mean(target))
-    return loss, metrics
+    return loss, UpdateMetrics(loss, mean_q=jnp.mean(target - td))
 
 
 def _follow(
