@@ -98,12 +98,9 @@ class FieldType:
         return cls(members[0], 0 if members[-1] is Ellipsis else len(members), bound)
 
     def check(self, name: str, value: object) -> Any:
-        """Returns ``value`` in the field's own type.
+        """Returns ``value`` in the field's own type, or raises a SettingsError.
 
         Whole numbers pass as floats and text as a path; nothing else is converted.
-
-        Raises:
-            SettingsError: The value has another type or lies outside the range.
         """
         if self.length is None:
             return self._check_one(name, value)
@@ -115,11 +112,7 @@ class FieldType:
         return tuple(self._check_one(name, member) for member in value)  # type: ignore[attr-defined]
 
     def parse(self, name: str, words: Sequence[str]) -> Any:
-        """Reads a value from the words of a command line and checks it.
-
-        Raises:
-            SettingsError: The words do not spell a value, or it lies outside the range.
-        """
+        """Reads a value from the words of a command line, and checks it."""
         if self.optional and [word.lower() for word in words] == ["none"]:
             return ()
         values = [self._parse_one(name, word) for word in words]

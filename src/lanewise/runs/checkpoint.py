@@ -72,15 +72,11 @@ def save(
     Args:
         directory: where. One that is only named is made if it is missing.
         name: file name without ending. Names of checkpoints must sort by time.
-        tree: a pytree of arrays and random keys.
+        tree: of arrays and random keys.
         meta: anything JSON can hold.
         settings_digest: digest of the settings they belong to.
         keep: afterwards, `prune` with this and ``unusable``; None keeps all.
         unusable: names of damaged checkpoints.
-
-    Raises:
-        RunError: an open directory is no longer where it was; nothing is written.
-        OSError: the disk is full or not writable; what was stored before is unchanged.
     """
     if isinstance(directory, Path):
         directory.mkdir(parents=True, exist_ok=True)
@@ -110,8 +106,8 @@ def load(
     Args:
         directory: where.
         name: file name without ending.
-        template: a pytree of arrays or shapes that the stored one must equal in structure, types
-            and shapes; None takes any arrays.
+        template: arrays or shapes that the stored tree must equal in structure, types and shapes;
+            None takes any arrays.
         settings_digest: digest of the settings they must belong to; None for any.
 
     Raises:
@@ -163,7 +159,7 @@ def newest_valid(
     prefix: str = "",
     accept: Callable[[dict[str, Any]], object] = lambda meta: None,
 ) -> tuple[Checkpoint | None, str]:
-    """The newest undamaged checkpoint, and a warning about newer ones that are damaged.
+    """The newest undamaged checkpoint, if there is one of these names, and a warning, often empty.
 
     Args:
         directory: where.
@@ -171,9 +167,6 @@ def newest_valid(
         settings_digest: as for `load`.
         prefix: only names that begin so count.
         accept: raises an error for the ``meta`` of a checkpoint that cannot be used.
-
-    Returns:
-        The checkpoint, None where there is none of these names; and a warning, often empty.
 
     Raises:
         CheckpointError: there are checkpoints, but none is undamaged.
@@ -196,11 +189,7 @@ def newest_valid(
 
 
 def prune(directory: Path | OpenFolder, keep: int, unusable: Collection[str] = ()) -> None:
-    """Delete all but the ``keep`` newest checkpoints, and no other file.
-
-    Raises:
-        RunError: an open directory is no longer where it was; nothing is deleted.
-    """
+    """Delete all but the ``keep`` newest checkpoints, and no other file."""
     with opened(directory) as folder:
         with os.scandir(folder.descriptor) as entries:
             files = _files(e.name for e in entries if not e.is_dir(follow_symlinks=False))

@@ -133,14 +133,10 @@ def find_first_nonfinite(path: Path | str, task: TaskFunctions = PAPER_TASK) -> 
     """Drive once more through the chunk in which a training's numbers stopped being finite.
 
     Iteration by iteration; compiled that way, last digits may differ from those of a whole chunk.
-
-    Args:
-        path: the run folder.
-        task: the user's own functions it is trained with.
+    ``task`` are the user's own functions that the run is trained with.
 
     Raises:
         RunError: the run did not diverge, or was made with other task functions.
-        CheckpointError: what was kept is damaged.
         NumbersError: this time all numbers are finite.
     """
     folder = RunFolder.open(Path(path))

@@ -41,10 +41,6 @@ class MetricSinks:
             folder: of the run.
             resume_at: how many bytes of its metrics are kept.
             tensorboard: whether events are wanted; a run that has some goes on with them.
-
-        Raises:
-            RunError: the metrics are damaged or shorter than that.
-            LanewiseError: events are wanted and tensorboardX is not installed.
         """
         path = folder.path / "metrics.jsonl"
         with ExitStack() as stack:
@@ -130,11 +126,7 @@ class TensorBoardEvents:
 
 
 def tensorboard_writer() -> Any:
-    """TensorboardX's writer.
-
-    Raises:
-        LanewiseError: it is not installed.
-    """
+    """TensorboardX's writer; a LanewiseError if it is not installed."""
     with needed_for("TensorBoard", install("tensorboard")):
         from tensorboardX import SummaryWriter
     return SummaryWriter

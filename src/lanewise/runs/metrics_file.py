@@ -57,10 +57,6 @@ class MetricsWriter:
             resume_at: its length by the `mark` of the checkpoint; 0 for a fresh file, None to keep
                 every whole line (timings).
             folder: the folder it lies in, open; None opens it.
-
-        Raises:
-            RunError: the file is shorter than that, or no regular file; or its folder is no longer
-                where it was.
         """
         self._file = _open_to_append(path, folder)
         size = self._file.tell()
@@ -126,11 +122,7 @@ def read(path: Path, end: int | None = None, sha256: str | None = None) -> list[
 def read_records(
     path: Path, end: int | None = None, sha256: str | None = None
 ) -> list[dict[str, Any]]:
-    """The records of a run's metrics, each of a known kind with its fields; as `read`.
-
-    Raises:
-        RunError: as `read`, or a line is no record.
-    """
+    """As `read`, each a record of a known kind with its fields."""
     found = read(path, end, sha256)
     for number, record in enumerate(found, 1):
         if problem := _problem(record):
@@ -141,10 +133,7 @@ def read_records(
 def read_marked(path: Path, meta: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The records up to a `MetricsWriter.mark` in ``meta``, which must be as they were written.
 
-    Raises:
-        RunError: the file is shorter, damaged or was altered. If the mark is at 0, it may be
-            missing.
-        CheckpointError: ``meta`` holds no mark.
+    Where the mark is at 0, the file may be missing.
     """
     length, digest = (meta.get(name) for name in ("metrics_bytes", "metrics_sha256"))
     if type(length) is not int:
@@ -156,10 +145,7 @@ def keep_copy(path: Path, end: int, folder: OpenFolder | None = None) -> Path | 
     """Copy a metrics file that is about to be cut to its first ``end`` bytes.
 
     A stage whose checkpoints were lost begins anew, and its metrics are all that is left of it.
-
-    Returns:
-        The copy, ``metrics-before-1.jsonl`` or the first number that is free; None if there is
-        nothing to cut off.
+    Returns the copy, ``metrics-before-1.jsonl`` or the first number that is free, if there is one.
     """
     if not path.is_file() or path.stat().st_size <= end:
         return None
@@ -170,11 +156,7 @@ def keep_copy(path: Path, end: int, folder: OpenFolder | None = None) -> Path | 
 
 
 def settled_episode(chunks: Sequence[Mapping[str, Any]]) -> float | None:
-    """Episodes of a stage that had ended when epsilon reached its final value, by `settled_at`.
-
-    Args:
-        chunks: the stage's records of kind ``chunk``, with ``epsilon`` and ``episodes``.
-    """
+    """Episodes at the record of kind ``chunk`` where a stage's epsilon has `settled_at`."""
     index = settled_at([chunk["epsilon"] for chunk in chunks])
     return None if index is None else float(chunks[index]["episodes"])
 

@@ -21,33 +21,21 @@ def names() -> tuple[str, ...]:
 
 
 def locate(path: Path) -> Path:
-    """The run folder of ``path``; ``pretrained/NAME`` leads into the package.
-
-    Raises:
-        RunError: there is no pretrained controller of that name.
-    """
+    """The run folder of ``path``; ``pretrained/NAME`` leads into the package."""
     if path.exists() or len(path.parts) != 2 or path.parts[0] != "pretrained":
         return path
     return PRETRAINED / _known(path, names())
 
 
 def reference_name(path: Path) -> str | None:
-    """The name of the reference driver that ``path`` names, None where it names none.
-
-    Raises:
-        RunError: there is no reference driver of that name.
-    """
+    """The name of the reference driver that ``path`` names, None where it names none."""
     if path.exists() or len(path.parts) != 2 or path.parts[0] != "reference":
         return None
     return _known(path, REFERENCES)
 
 
 def controller_name(path: Path) -> str:
-    """Name of the controller that ``path`` leads to; reads no weights.
-
-    Raises:
-        RunError: there is no such run.
-    """
+    """Name of the controller that ``path`` leads to; reads no weights."""
     return reference_name(path) or RunFolder.open(locate(path)).controller
 
 

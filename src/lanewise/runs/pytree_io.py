@@ -37,8 +37,7 @@ def unflatten(template: Tree, arrays: Mapping[str, np.ndarray]) -> Tree:
         arrays: as `flatten` returns them.
 
     Raises:
-        CheckpointError: names the first array that is missing, superfluous, or of another type or
-            shape.
+        CheckpointError: names the first array that is missing, superfluous, or differs.
     """
     wanted = shapes(template)
     for name in (*wanted, *arrays):

@@ -94,8 +94,7 @@ class RunFolder:
             observed: how many numbers a controller observes.
 
         Raises:
-            RunError: the folder holds something, or another process is making a run in it, or the
-                seed is out of range.
+            RunError: the folder is not empty or in use, or the seed is out of range.
             SettingsError: the machine has too little memory for these settings.
         """
         validation.check_memory(settings, controller, process.total_memory(), observed)
@@ -118,11 +117,7 @@ class RunFolder:
 
     @classmethod
     def open(cls, path: Path) -> "RunFolder":
-        """Read a run, without locking it.
-
-        Raises:
-            RunError: there is no run, or its files are damaged, or something in it leads elsewhere.
-        """
+        """Read a run, without locking it."""
         _check_names(path)
         manifest = _read_manifest(path / "run.json")
         return cls(
@@ -144,11 +139,10 @@ class RunFolder:
         controller: str | None = None,
         seed: int | None = None,
     ) -> "RunFolder":
-        """Open a run to continue it, and lock it. What is None is taken from the run.
+        """Open a run to continue it, and lock it; what is None is taken from the run.
 
         Raises:
-            RunError: there is no run, another process holds it, or it was made with another
-                controller, seed, settings or compiler switches.
+            RunError: there is no run, it is in use, or was made with something else.
         """
         folder = cls.open(_name_of(path))
         if controller is not None and controller != folder.controller:

@@ -35,12 +35,7 @@ class RunState:
 
 
 def read(folder: RunFolder, plan: TrainingPlan) -> RunState:
-    """Read a stopped run as a whole, before anything in it changes.
-
-    Raises:
-        CheckpointError: a stored file is damaged beyond falling back.
-        RunError: its metrics are.
-    """
+    """Read a stopped run as a whole, before anything in it changes."""
     done = finished_stages(folder)
     handed = {name: load_stage(folder, plan, name) for name in done}
     found, warning, unusable = newest_checkpoint(folder, plan, len(done))
@@ -62,10 +57,6 @@ def newest_checkpoint(
 
     Returns:
         The checkpoint; a warning about newer ones that cannot be used, often empty; their names.
-
-    Raises:
-        CheckpointError: none of the stage's checkpoints can be used, or there are some of a later
-            stage.
     """
     names = checkpoint.names(folder.checkpoints)
     prefix = checkpoint.stage_prefix(index)
@@ -100,11 +91,7 @@ def has_stage(folder: RunFolder, name: str) -> bool:
 
 
 def finished_stages(folder: RunFolder) -> list[str]:
-    """Names of the finished stages, in order.
-
-    Raises:
-        CheckpointError: an earlier stage than the last is missing.
-    """
+    """Names of the finished stages, in order."""
     names = [stage.name for stage in CONTROLLERS[folder.controller].stages]
     done = [name for name in names if has_stage(folder, name)]
     for name, found in zip(names, done, strict=False):
@@ -121,11 +108,7 @@ def save_stage(folder: RunFolder, name: str, weights: Parameters, meta: dict[str
 
 
 def load_stage(folder: RunFolder, plan: TrainingPlan, name: str) -> Parameters:
-    """What a stage handed on.
-
-    Raises:
-        CheckpointError: it is missing or damaged, or belongs to another run.
-    """
+    """What a stage handed on."""
     stored = checkpoint.load(folder.stages, name, plan.weights[name], folder.digest)
     check_seed(folder, stored.meta, folder.stages / name)
     weights: Parameters = stored.tree
@@ -144,11 +127,7 @@ def weights_digest(folder: RunFolder) -> str:
 
 
 def transfer_high_level(folder: RunFolder, plan: TrainingPlan, source: Path) -> None:
-    """Copy the step-1 result of another run into this one, so that only step 2 is trained.
-
-    Raises:
-        RunError: this run has its own step 1, or as `open_high_level`.
-    """
+    """Copy the step-1 result of another run into this one, so that only step 2 is trained."""
     name = STEP_1.name
     if has_stage(folder, name):
         raise RunError(f"{folder.path} has its own step 1 already; resume it without --high-level")
@@ -159,11 +138,7 @@ def transfer_high_level(folder: RunFolder, plan: TrainingPlan, source: Path) -> 
 
 
 def training_metrics(folder: RunFolder) -> list[dict[str, Any]]:
-    """The metrics of a run in full; those of its finished stages as they were written.
-
-    Raises:
-        RunError: the file is damaged or was altered.
-    """
+    """The metrics of a run in full; those of its finished stages as they were written."""
     done, found = finished_stages(folder), metrics_file.read_records(folder.metrics)
     if done:
         written = metrics_file.read_marked(folder.metrics, _stage_meta(folder, done[-1]))

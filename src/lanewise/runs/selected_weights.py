@@ -89,11 +89,7 @@ class SelectedWeights:
 
 
 def of_run(lines: Sequence[Mapping[str, Any]]) -> list[SelectedWeights]:
-    """The weights that each finished stage handed on, in order.
-
-    Args:
-        lines: the run's metrics.
-    """
+    """The weights that each finished stage handed on, in order, by the run's metrics."""
     handed = (line for line in lines if line["kind"] == "weights")
     return [SelectedWeights(line, _chosen_for(line, lines)) for line in handed]
 

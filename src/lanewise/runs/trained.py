@@ -34,10 +34,6 @@ def load(path: Path, task: TaskFunctions = PAPER_TASK) -> Trained:
     Args:
         path: a run folder, ``pretrained/NAME`` or ``reference/NAME``.
         task: the user's own functions it was trained with.
-
-    Raises:
-        RunError: there is no run, or it is not finished, or was trained with other task functions.
-        CheckpointError: its files are damaged.
     """
     if name := pretrained.reference_name(path):
         return Trained(name, Settings(), 0, {})

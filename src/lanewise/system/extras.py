@@ -18,15 +18,7 @@ def install(*extras: str) -> str:
 
 @contextmanager
 def needed_for(purpose: str, remedy: str = install("report")) -> Iterator[None]:
-    """Around imports: turn a missing package into one line that says what to install.
-
-    Args:
-        purpose: what the package is for.
-        remedy: what brings it.
-
-    Raises:
-        LanewiseError: if an import inside fails.
-    """
+    """Around imports: turn a missing package into one line that says what to install."""
     try:
         yield
     except ImportError as error:
@@ -34,11 +26,7 @@ def needed_for(purpose: str, remedy: str = install("report")) -> Iterator[None]:
 
 
 def check() -> None:
-    """Fail now rather than after minutes of training.
-
-    Raises:
-        LanewiseError: if a package of the `report` extra is missing.
-    """
+    """Fail now rather than after minutes of training."""
     for module in ("matplotlib", "PIL", "imageio_ffmpeg"):
         if find_spec(module) is None:
             raise LanewiseError(f"reports need {module}: {install('report')}")

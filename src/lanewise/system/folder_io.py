@@ -31,12 +31,7 @@ class OpenFolder:
 
     @contextmanager
     def inside(self, name: str | PurePath) -> Iterator["OpenFolder"]:
-        """Open a folder in this one, made with its parents where they are missing.
-
-        Raises:
-            RunError: as `require_same`.
-            OSError: it cannot be made, or a file has its name.
-        """
+        """Open a folder in this one, made with its parents where they are missing."""
         self.require_same()
         with self.duplicate() as inner:
             inner.path = self.path / name
@@ -62,11 +57,7 @@ class OpenFolder:
         return FolderIdentity(self.path, status.st_dev, status.st_ino)
 
     def require_same(self) -> None:
-        """Refuse to go on where the name no longer leads here; called before anything is written.
-
-        Raises:
-            RunError: the folder was moved, removed or replaced.
-        """
+        """Raise a RunError where the name no longer leads here; called before each write."""
         self._root.identity.require()
 
     def unlink(self, name: str) -> None:
@@ -105,11 +96,7 @@ class FolderIdentity:
         raise self._gone()
 
     def require(self) -> None:
-        """Refuse another folder, or none, under the name.
-
-        Raises:
-            RunError: the folder was moved, removed or replaced.
-        """
+        """Raise a RunError for another folder, or none, under the name."""
         with suppress(FileNotFoundError, NotADirectoryError):
             status = os.stat(self.path)
             if (status.st_dev, status.st_ino) == (self.device, self.inode):
@@ -166,11 +153,7 @@ def write_atomically(directory: Path | OpenFolder, contents: Mapping[str, bytes]
     """Write files into a folder, all complete on disk before the first gets its name.
 
     They get their names one after the other, in the order given, so that the last one can vouch
-    for the others.
-
-    Raises:
-        RunError: an open folder is no longer where it was; nothing is written.
-        OSError: a write failed; files that already had these names are unchanged.
+    for the others. If a write fails, files that already had these names are unchanged.
     """
     with opened(directory) as folder:
         place = folder.descriptor
@@ -191,10 +174,6 @@ def publish(source: Path, target: OpenFolder, last: str) -> None:
     """Copy all files of ``source``, with the folders they lie in, into a folder.
 
     Files of the same names are replaced, others stay. Where the file ``last`` is, the others are.
-
-    Raises:
-        RunError: the target is no longer where it was.
-        OSError: a write failed.
     """
     found = sorted(source.iterdir(), key=lambda path: (path.is_file(), path.name == last))
     for path in found:

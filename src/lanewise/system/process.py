@@ -85,9 +85,6 @@ def refuse_forked() -> None:
 
     A fork copies memory but none of JAX's threads, and the copy waits for their answers. A fork
     before JAX has started is harmless.
-
-    Raises:
-        LanewiseError: this process was forked from one in which JAX had started.
     """
     if _forked_from is not None and _forked_from != os.getpid():
         raise LanewiseError(

@@ -28,16 +28,10 @@ class UnreadableError(LanewiseError):
 
 
 def read_bytes(path: Path, largest: int, *, links: bool = True) -> bytes:
-    """Read a regular file.
+    """Read a regular file of at most ``largest`` bytes, or raise an UnreadableError.
 
-    Args:
-        path: of the file.
-        largest: bytes; a larger file is not read at all.
-        links: whether the name may be a link. A name that a person typed may be one; a file that
-            lies beside others in a folder from elsewhere may not.
-
-    Raises:
-        UnreadableError: the file is missing, not a regular file, too large, or cannot be read.
+    Its name may be a link if a person typed it (``links``), but not if the file lies beside others
+    in a folder from elsewhere.
     """
     # Without O_NONBLOCK, opening a pipe would wait for its writer.
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | (0 if links else os.O_NOFOLLOW)
@@ -80,11 +74,7 @@ def require_plain(path: Path, *, folder: bool = False) -> None:
 
 
 def parse_json(data: bytes) -> Any:
-    """Parse JSON in UTF-8: no name twice in an object, no NaN, no infinity.
-
-    Raises:
-        ValueError: the text is no such JSON, or is nested deeper than any file of Lanewise.
-    """
+    """Parse JSON in UTF-8: no name twice in an object, no NaN, no infinity, not too deep."""
     try:
         found = json.loads(
             data.decode("utf-8"),
@@ -99,11 +89,7 @@ def parse_json(data: bytes) -> Any:
 
 
 def parse_toml(data: bytes) -> dict[str, Any]:
-    """Parse TOML in UTF-8.
-
-    Raises:
-        ValueError: the text is no TOML, or would take long to parse.
-    """
+    """Parse TOML in UTF-8 that does not take long to parse."""
     try:
         text = data.decode("utf-8")
         # Only a line feed ends a line of TOML, so a key may go on after other line separators.

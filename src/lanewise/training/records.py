@@ -13,10 +13,7 @@ from lanewise.training.stage import LevelMetrics
 def of_episodes(stage: str, counters: StageCounters, stats: EpisodeStats) -> list[dict[str, Any]]:
     """A record for each episode completed in a chunk, ordered by (decision, world).
 
-    Args:
-        stage: its name.
-        counters: before the chunk.
-        stats: [iterations, worlds] of the chunk.
+    ``counters`` are those before the chunk; ``stats`` are [iterations, worlds].
     """
     worlds = stats.outcome.over.shape[1]
     return [
@@ -46,12 +43,8 @@ def of_chunk(
 ) -> dict[str, Any]:
     """The record of a chunk; means are None where there was nothing to average.
 
-    Args:
-        stage: its name.
-        counters: after the chunk.
-        levels: those that learn, in the order in which they choose.
-        episodes: records of those completed in the chunk.
-        validation: the one after it, if there was one.
+    ``counters`` are those after the chunk; ``levels`` those that learn, in the order in which they
+    choose; ``episodes`` the records of those completed in it.
     """
 
     def mean(values: list[Any]) -> float | None:

@@ -105,11 +105,7 @@ def select(
 ) -> StageProgress:
     """The progress with the weights that a rule keeps after a chunk.
 
-    Args:
-        keep: the rule.
-        progress: with the chunk counted.
-        validation: of the weights as they are now, if they were validated.
-        finished: whether this was the last chunk.
+    ``validation`` is of the weights as they are now; ``finished`` is true after the last chunk.
     """
     counters = progress.counters
     if keep == "best-training" and len(counters.recent) == RECENT:

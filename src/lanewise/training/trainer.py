@@ -71,11 +71,6 @@ def advance(
 ) -> tuple[StageProgress, Report]:
     """One chunk: driven, counted, and its weights validated when due; ``progress`` is consumed.
 
-    Args:
-        plan: the stage.
-        frozen: parameters of levels that do not learn here.
-        progress: before the chunk.
-
     Raises:
         NumbersError: a number is not finite; nothing of the chunk may be kept.
     """
