@@ -30,7 +30,8 @@ from lanewise.training import recipe
 from lanewise.world import build, road
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, World
 
-SETTINGS = config.compose()
+FEW = {"scenario.traffic.vehicles_ahead": 2}
+SETTINGS = config.compose(flags=FEW)
 TEST = recipe.evaluation_config(SETTINGS, "single-level")
 WEIGHTS = {
     "single_level": network.init(jax.random.key(36), 26, (8,), 9),
@@ -74,6 +75,10 @@ def placed(x, speed):
 def drive(action, worlds):
     found = evaluator.drive_block(evaluator.of_any_start(TEST), constant(action), worlds)
     return evaluator.as_episodes(TEST.driving, [found], 4)
+
+
+def evaluate(policy, **given):
+    return lanewise.evaluate(policy, **FEW | given)
 
 
 def alike(found, expected):
@@ -161,7 +166,7 @@ def test_a_start_of_a_grid_is_the_test_start_with_those_settings():
     }
     assert points[number] == tuple(own.values())
     # Start i of a seed is the point's number times the episodes, and on from there.
-    alone = recipe.evaluation_config(config.compose(flags=own), "single-level")
+    alone = recipe.evaluation_config(config.compose(flags=FEW | own), "single-level")
     many = evaluator.evaluate(alone, constant(7), 5, (number + 1) * episodes)
     assert found[number].collision == (many.accident[-episodes:] == 1).sum() == episodes
     assert found[number].speed == pytest.approx(many.average_speed[-episodes:].mean())
@@ -205,7 +210,7 @@ def one_by_one(seen):
 @pytest.mark.parametrize("kind", ["batched", "one by one", "agent"])
 def test_the_same_as_our_own(ours, kind, capsys):
     policy = {"batched": greedy(), "one by one": one_by_one, "agent": Agent(greedy())}[kind]
-    found = lanewise.evaluate(policy, episodes=COUNT, name="mine", quiet=kind == "agent")
+    found = evaluate(policy, episodes=COUNT, name="mine", quiet=kind == "agent")
     assert ("mine: 100%" in capsys.readouterr().err) == (kind != "agent")
     alike(found.episodes, ours)
     assert found.summary.controller == "mine"
@@ -225,13 +230,13 @@ def test_a_controller_of_ours(ours, capsys):
 
 def test_a_recurrent_agent_keeps_its_state_within_a_block_and_no_longer():
     agent = Agent(idle)
-    lanewise.evaluate(agent, episodes=COUNT)
+    evaluate(agent, episodes=COUNT)
     states = [state for state, _, _ in agent.asked]
     assert states == [None, *range(49)] * 2
     assert [start for _, start, _ in agent.asked] == [state is None for state in states]
     assert all(deterministic for *_, deterministic in agent.asked)
     agent.asked.clear()
-    lanewise.evaluate(agent, episodes=1, deterministic=False)
+    evaluate(agent, episodes=1, deterministic=False)
     assert not any(deterministic for *_, deterministic in agent.asked)
 
 
@@ -242,7 +247,7 @@ def test_a_function_of_one_observation_is_asked_for_the_episodes_under_way_alone
         asked.append(seen)
         return 8
 
-    found = lanewise.evaluate(swerve, batched=False, episodes=3)
+    found = evaluate(swerve, batched=False, episodes=3)
     decisions = int(found.episodes.duration.sum() * 2)
     assert decisions < 3 * 50, "episodes end early"
     # And now and then the first of them once more.
@@ -254,9 +259,9 @@ def test_a_function_of_one_observation_is_asked_for_the_episodes_under_way_alone
 
 def test_episodes_to_look_at():
     before = stepwise._step.__wrapped__._cache_size()
-    found, place = lanewise.evaluate(greedy(), episodes=COUNT, name="mine"), COUNT - 1
+    found, place = evaluate(greedy(), episodes=COUNT, name="mine"), COUNT - 1
     # Another name or start is not compiled anew.
-    lanewise.evaluate(greedy(), episodes=1, name="another", trap_speed=9.0)
+    evaluate(greedy(), episodes=1, name="another", trap_speed=9.0)
     assert stepwise._step.__wrapped__._cache_size() == max(1, before)
     recording = found.record(place)
     assert recording.controller == "mine"
@@ -281,8 +286,8 @@ def test_outcomes_in_highway_env_are_identical():
             return np.full(len(observation), script[step]), step
 
     for policy, escapes in ((Scripted(), True), (greedy(), False)):
-        here = lanewise.evaluate(policy, episodes=2)
-        there = lanewise.evaluate(policy, episodes=2, world="highway-env")
+        here = evaluate(policy, episodes=2)
+        there = evaluate(policy, episodes=2, world="highway-env")
         assert here.episodes.success.tolist() == [escapes] * 2
         alike(there.episodes, here.episodes)
         assert "highway-env" in there.table(here)
@@ -291,11 +296,10 @@ def test_outcomes_in_highway_env_are_identical():
 @pytest.mark.slow
 def test_the_rule_based_ego_drives_alike_in_both_worlds():
     """Behind a gap wide enough to change lanes, so that it does more than follow."""
-    near = TrapSettings(ego_driver="rule-based")
-    for one in (near, replace(near, test_side_distance=100.0, ego_speed=12.0)):
-        given = EvaluationConfig(one, DrivingSettings(), RuleBased(), 50)
-        theirs = stepwise.evaluate(given, stepwise.greedy({}), HighwayEnv(), 3, 2)
-        alike(theirs, evaluator.evaluate(given, {}, 3, 2))
+    wide = TrapSettings(ego_driver="rule-based", test_side_distance=100.0, ego_speed=12.0)
+    given = EvaluationConfig(wide, DrivingSettings(), RuleBased(), 50)
+    theirs = stepwise.evaluate(given, stepwise.greedy({}), HighwayEnv(), 3, 2)
+    alike(theirs, evaluator.evaluate(given, {}, 3, 2))
     recording = stepwise.record(given, stepwise.greedy({}), HighwayEnv(), 3, 0)
     assert np.ptp(recording.y[:, 0]) > 3.5
 
@@ -318,7 +322,7 @@ def test_the_live_environment_ends_after_the_simulated_duration(
 
 def test_a_recording_counts_the_goals_as_the_goal_critic_does():
     """Recounted from the frames alone: reached by the paper's thresholds, or given up in time."""
-    found = lanewise.evaluate(
+    found = evaluate(
         lambda seen: np.full(len(seen), 8),  # the next lane to the right, and more speed
         actions="goal",
         world="highway-env",
@@ -348,9 +352,9 @@ def test_a_recording_counts_the_goals_as_the_goal_critic_does():
 
 @pytest.mark.slow
 def test_goals():
-    given, _ = api._course("goal", {})
+    given, _ = api._course("goal", FEW)
     expected = stepwise.evaluate(given, stepwise.greedy(WEIGHTS), Lanewise(), 0, COUNT)
-    found = lanewise.evaluate(greedy("high_level"), actions="goal", episodes=COUNT)
+    found = evaluate(greedy("high_level"), actions="goal", episodes=COUNT)
     alike(found.episodes, expected)
     assert found.episodes.goals.sum() > 0
 
@@ -358,13 +362,13 @@ def test_goals():
 @pytest.mark.slow
 def test_continuous_actions():
     """At the speed of the trap nothing happens."""
-    found = lanewise.evaluate(
+    found = evaluate(
         lambda seen: np.zeros((len(seen), 2)), actions="continuous", episodes=COUNT
     ).episodes
     assert (found.accident == 0).all()
     np.testing.assert_allclose(found.travel_distance, 250.0, rtol=1e-5)
     with pytest.raises(LanewiseError, match="continuous actions are not driven in highway-env"):
-        lanewise.evaluate(lambda seen: np.zeros((1, 2)), actions="continuous", world="highway-env")
+        evaluate(lambda seen: np.zeros((1, 2)), actions="continuous", world="highway-env")
 
 
 def in_a_row(settings, *kinds):
@@ -401,7 +405,7 @@ def observe_the_slow(settings, world):
 def test_the_paper_s_success_wants_trap_cars():
     said = r"start: among_traffic places no trap car.*; give success= too"
     with pytest.raises(LanewiseError, match=said) as refused:
-        lanewise.evaluate(idle, task=lanewise.TaskFunctions(start=among_traffic), episodes=1)
+        evaluate(idle, task=lanewise.TaskFunctions(start=among_traffic), episodes=1)
     assert len(str(refused.value).splitlines()) == 1
 
 
@@ -410,7 +414,7 @@ def test_a_task_of_one_s_own(tmp_path, world):
     """Any number of vehicles, drawn by what they are; success; an observation that is refused."""
     task = lanewise.TaskFunctions(start=behind_three, success=survived, observe=observe_the_slow)
     given = {"duration": 1.0, "task": task, "world": world, "episodes": 2}
-    found = lanewise.evaluate(idle, **given)
+    found = evaluate(idle, **given)
     assert found.episodes.success.all()
     recording = found.record()
     assert recording.role[recording.present].tolist() == [0, 1, 1, 1] + [2] * 9
@@ -421,7 +425,7 @@ def test_a_task_of_one_s_own(tmp_path, world):
     stored = metrics.from_csv((tmp_path / "mine.csv").read_text())
     assert np.array_equal(stored.success, found.episodes.success)
     with pytest.raises(NumbersError, match="an observation is not finite in 2 of 2 episodes"):
-        lanewise.evaluate(lambda seen: 7, **given)
+        evaluate(lambda seen: 7, **given)
 
 
 @pytest.mark.parametrize("value", [np.nan, -np.inf], ids=str)
