@@ -68,6 +68,12 @@ class Job:
         """
         return stored_tests.read(self.path, self.controller, world, self.identity)
 
+    def load(self) -> Trained:
+        """What it trained, or its reference driver."""
+        if self.trains:
+            return trained.load(self.path)
+        return Trained(self.controller, self.settings, self.seed, {})
+
     def identity(self) -> dict[str, Any]:
         """What a test of it remembers."""
         weights = run_state.CONTROLLER if self.trains else None
@@ -140,16 +146,14 @@ def run(job: Job, reporter: Progress, out: OpenFolder) -> dict[str, float]:
     times = {}
     with out.inside(job.path.relative_to(out.path)) as place:
         began = time.monotonic()
-        if job.trains:
-            if _train(job, place, reporter):
-                times[f"train {job.label}"] = time.monotonic() - began
-            controller = trained.load(job.path)
-        else:
+        if job.trains and _train(job, place, reporter):
+            times[f"train {job.label}"] = time.monotonic() - began
+        if not job.trains:
             check(job)
             # Tests remember the file's digest, so a file with the same settings stays as it is.
             if not (job.path / SETTINGS).exists():
                 write_atomically(place, {SETTINGS: config.dump_toml(job.settings).encode()})
-            controller = Trained(job.controller, job.settings, job.seed, {})
+        controller = job.load()
         for world, count in job.episodes.items():
             if job.is_tested(world):
                 continue

@@ -11,7 +11,7 @@ from lanewise.experiments import evaluate_trained
 from lanewise.experiments.experiment import Experiment, ExperimentArm
 from lanewise.experiments.jobs import Job
 from lanewise.experiments.stored_tests import StoredTest
-from lanewise.runs import metrics_file, run_state, selected_weights, trained
+from lanewise.runs import metrics_file, run_state, selected_weights
 from lanewise.runs.run_folder import RunFolder
 from lanewise.runs.selected_weights import SelectedWeights
 from lanewise.runs.trained import Trained
@@ -84,9 +84,7 @@ class SeedResult:
     @cached_property
     def controller(self) -> Trained:
         """The controller that was tested."""
-        if self.job.trains:
-            return trained.load(self.job.path)
-        return Trained(self.job.controller, self.job.settings, self.job.seed, {})
+        return self.job.load()
 
     def record(self, episode: int = 0, seconds: int | None = None) -> Recording:
         """A test episode in our world, driven once more with every frame kept."""
