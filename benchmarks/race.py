@@ -58,7 +58,6 @@ class Training(Job):
 
     @property
     def done(self) -> bool:
-        """Whether it is finished."""
         return (self.path / "controller.json").exists()
 
 

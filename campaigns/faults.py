@@ -58,12 +58,10 @@ class Fault:
 
     @property
     def area(self):
-        """The package of the file."""
         return self.file.split("/")[0]
 
     @property
     def path(self):
-        """Of the file, from the root."""
         return Path("src", "lanewise", self.file)
 
 

@@ -56,17 +56,14 @@ class Quiet(Progress):
         self.at, self.action, self.notes, self.updates, self.name = at, action, [], 0, ""
 
     def stage(self, name, total, done=0.0):
-        """A stage begins or goes on."""
         self.name, self.updates = name, 0
         self._break_in()
 
     def update(self, done, **metrics):
-        """A chunk is done."""
         self.updates += 1
         self._break_in()
 
     def note(self, text):
-        """Remember it."""
         self.notes.append(text)
 
     def _break_in(self):

@@ -63,13 +63,11 @@ def test_refusals(tmp_path, capsys):
     assert mine.read_text() == "mine"
 
 
-@pytest.mark.parametrize(
-    ("package", "words", "advice"), [("onnx", (), 'pip install ".[onnx]" in your clone')]
-)
-def test_a_missing_package(package, words, advice, tmp_path, capsys, monkeypatch):
+def test_a_missing_package(tmp_path, capsys, monkeypatch):
     for name in ("onnx_model", "recording"):
         monkeypatch.delitem(sys.modules, f"lanewise.export.{name}", raising=False)
         monkeypatch.delattr(f"lanewise.export.{name}", raising=False)
-    monkeypatch.setitem(sys.modules, package, None)
-    assert advice in refusal(capsys, FLAT, "--out", tmp_path / "a.onnx", *words)
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    said = refusal(capsys, FLAT, "--out", tmp_path / "a.onnx")
+    assert 'pip install ".[onnx]" in your clone' in said
     assert not list(tmp_path.iterdir())
