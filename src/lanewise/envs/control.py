@@ -113,5 +113,5 @@ class GoalControl:
             return state, memory, reward + state.outcome.reward
 
         begun = (state, memory, jnp.zeros_like(state.outcome.reward))
-        found: Driven = jax.lax.while_loop(lasts, decide, decide(begun))
+        found: Driven = jax.lax.while_loop(lasts, decide, begun)
         return found
