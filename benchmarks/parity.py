@@ -46,8 +46,8 @@ from lanewise.system.progress import Progress
 BATCH = 40
 """Random states of one comparison: a batch shape for each size, compiled once."""
 STATES_A_TASK = 6 * BATCH
-RUN_SECONDS, RUN_ROOM = 25.0, 12
-"""Of a free run of the paper's traffic: simulated time, and vehicles of its compiled program."""
+RUN_SECONDS, RUN_ROOM, DEFAULT_ROOM = 25.0, 12, 51
+"""Of a free run: simulated time, and vehicles of the programs of the two kinds of traffic."""
 DEPENDS_ON = ("benchmarks", "src/lanewise/world", "src/lanewise/interop", "src/lanewise/scenario")
 STORED_EXCEPTIONS = 10
 """Differences without a name that are stored; all are counted."""
@@ -88,12 +88,12 @@ def paper_run(seed, number, seconds):
 def default_run(seed, number, seconds):
     """Compare a free run of 25 s of highway-env's own 50 vehicles, at 15 Hz."""
     rng = np.random.default_rng([seed, 3, number])
-    return _free_run(default_env(int(rng.integers(2**31))), number)
+    return _free_run(default_env(int(rng.integers(2**31))), number, DEFAULT_ROOM)
 
 
-def _free_run(env, number, *room):
+def _free_run(env, number, room):
     """A run in which no difference is allowed, not even one with a name."""
-    found = compare(env, RUN_SECONDS, *room)
+    found = compare(env, RUN_SECONDS, room)
     differs = found["names"] or found["unexplained"]
     exceptions = [{"run": number} | found] if differs else []
     return {"compared": 1, "exceptions": exceptions, "largest_errors": found["largest_errors"]}

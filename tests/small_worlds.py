@@ -1,6 +1,7 @@
 """Small worlds in float64 NumPy, by hand or by Hypothesis, and a tick of them in both worlds."""
 
 from dataclasses import replace
+from functools import partial
 
 import hypothesis
 import jax
@@ -83,12 +84,14 @@ def make_world(
     return fit(World(road, drivers, vehicles), size)
 
 
+# XLA takes subnormal numbers for 0.
+floats = partial(st.floats, allow_subnormal=False)
 rows = st.tuples(
     st.integers(0, LANES_MAX - 1),
-    st.integers(0, 12).map(lambda step: 5.0 * step) | st.floats(-20, 220),
-    st.sampled_from([0.0, 0.0, 2.0, -2.0, 3.0]) | st.floats(-3.5, 3.5),
-    st.just(0.0) | st.floats(-0.5, 0.5) | st.sampled_from([3.0, -7.0]),
-    st.sampled_from([0.0, 0.5, 1.0, 10.0, 12.5, 41.0, -3.0]) | st.floats(-5, 42),
+    st.integers(0, 12).map(lambda step: 5.0 * step) | floats(-20, 220),
+    st.sampled_from([0.0, 0.0, 2.0, -2.0, 3.0]) | floats(-3.5, 3.5),
+    st.just(0.0) | floats(-0.5, 0.5) | st.sampled_from([3.0, -7.0]),
+    st.sampled_from([0.0, 0.5, 1.0, 10.0, 12.5, 41.0, -3.0]) | floats(-5, 42),
     st.integers(0, LANES_MAX - 1),
     st.sampled_from([0.0, 0.5, 1.0, 1.5]),
     st.booleans(),

@@ -13,12 +13,11 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 import lanewise  # noqa: F401  # tells Gymnasium of the environments
 from lanewise.errors import LanewiseError, SettingsError
 
-COUNT, STEPS, SEED = 6, 60, 11
+COUNT = 6
 SETTINGS = {"duration": 8.0, "vehicles_ahead": 1}
 """Everywhere, so that tests share compiled programs, and these are small."""
-IDS = ("lanewise/Trap-v0", "lanewise/TrapGoal-v0", "lanewise/TrapContinuous-v0")
-QUICK = (IDS[0], AutoresetMode.NEXT_STEP)
-"""Compared by default; the others are in the slow tests."""
+NEXT, SAME, DISABLED = AutoresetMode
+TRAP, GOAL, CONTINUOUS = (f"lanewise/Trap{kind}-v0" for kind in ("", "Goal", "Continuous"))
 
 
 def alike(ours, theirs, place=""):
@@ -40,48 +39,31 @@ def alike(ours, theirs, place=""):
         assert np.array_equal(ours, theirs), (place, ours, theirs)
 
 
-@pytest.mark.parametrize(
-    ("name", "mode"),
-    [
-        pytest.param(
-            name,
-            mode,
-            id=f"{name.partition('/')[2]}-{mode.value}",
-            marks=() if (name, mode) == QUICK else pytest.mark.slow,
-        )
-        for name in IDS
-        for mode in AutoresetMode
-    ],
-)
-def test_equal_to_a_loop_of_single_ones(name, mode):
-    assert compare_with_a_loop(name, mode) > COUNT
-
-
-@pytest.mark.parametrize(
-    "mode",
-    [
-        AutoresetMode.NEXT_STEP,
-        AutoresetMode.SAME_STEP,
-        pytest.param(AutoresetMode.DISABLED, marks=pytest.mark.slow),
-    ],
-)
-def test_a_limit_of_steps_is_that_of_single_ones(mode):
-    assert compare_with_a_loop(IDS[0], mode, steps=30, max_episode_steps=5) > 20
-
-
-def make(count=COUNT, name=IDS[0], **settings):
+def make(count=COUNT, name=TRAP, **settings):
     return gymnasium.make_vec(name, count, **SETTINGS | settings)
 
 
-def compare_with_a_loop(name, mode, steps=STEPS, **limit):
-    """Step by step; how many episodes ended."""
+@pytest.mark.parametrize(
+    ("name", "mode", "limit"),
+    [
+        (TRAP, NEXT, {}),
+        (TRAP, NEXT, {"max_episode_steps": 5}),
+        (TRAP, SAME, {"max_episode_steps": 5}),
+        pytest.param(TRAP, DISABLED, {"max_episode_steps": 5}, marks=pytest.mark.slow),
+        pytest.param(GOAL, SAME, {}, marks=pytest.mark.slow),
+        pytest.param(CONTINUOUS, DISABLED, {}, marks=pytest.mark.slow),
+    ],
+)
+def test_equal_to_a_loop_of_single_ones(name, mode, limit):
+    """Step by step, and so often that episodes end in all of them."""
+    steps = 30 if limit else 60
     ours = make(name=name, autoreset_mode=mode, **limit)
-    one = lambda: gymnasium.make(name, **SETTINGS | limit)  # noqa: E731
-    theirs = SyncVectorEnv([one] * COUNT, autoreset_mode=mode)
+    alone = lambda: gymnasium.make(name, **SETTINGS | limit)  # noqa: E731
+    theirs = SyncVectorEnv([alone] * COUNT, autoreset_mode=mode)
     assert ours.observation_space == theirs.observation_space
     assert ours.action_space == theirs.action_space
     assert ours.metadata["autoreset_mode"] is theirs.metadata["autoreset_mode"] is mode
-    for ours_now, theirs_now in zip(ours.reset(seed=SEED), theirs.reset(seed=SEED), strict=True):
+    for ours_now, theirs_now in zip(ours.reset(seed=11), theirs.reset(seed=11), strict=True):
         alike(ours_now, theirs_now)
     ours.action_space.seed(1)
     ended = 0
@@ -92,13 +74,13 @@ def compare_with_a_loop(name, mode, steps=STEPS, **limit):
             alike(one, other)
         done = ours_now[2] | ours_now[3]
         ended += done.sum()
-        if mode is AutoresetMode.DISABLED and done.any():
+        if mode is DISABLED and done.any():
             with pytest.raises(ResetNeeded, match="reset_mask"):
                 ours.step(actions)
             again = [each.reset(options={"reset_mask": done.copy()}) for each in (ours, theirs)]
             alike(again[0][0], again[1][0])
             alike({k: v[done] for k, v in again[0][1].items()}, _where(again[1][1], done))
-    return ended
+    assert ended > (20 if limit else COUNT)
 
 
 def _where(info, done):
@@ -156,7 +138,7 @@ def test_numbers_may_be_of_numpy():
 )
 def test_settings_that_make_no_sense(given, says):
     with pytest.raises(SettingsError, match=says):
-        gymnasium.make_vec("lanewise/Trap-v0", **given)
+        gymnasium.make_vec(TRAP, **given)
 
 
 def test_a_closed_environment_says_so():

@@ -45,7 +45,7 @@ def test_a_free_run_of_paper_traffic():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", range(4))
+@pytest.mark.parametrize("number", range(2))
 @pytest.mark.parametrize("run", [parity.paper_run, parity.default_run])
 def test_free_runs(run, number):
     assert run(2, number, None)["exceptions"] == []
