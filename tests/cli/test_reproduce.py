@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from lanewise.cli.main import main
-from lanewise.experiments import drives, experiment_folder, schedule
+from lanewise.experiments import drives, experiment, schedule
 from lanewise.report import provenance
 from lanewise.system import folder_io, version
 
@@ -74,7 +74,7 @@ def test_a_complete_folder_and_arms_of_another_trap_are_refused(done, tmp_path, 
     assert (out / "report.md").read_bytes() == before
     folder = tmp_path / "out"
     shutil.copytree(out / "runs" / "hierarchical", folder / "runs" / "hierarchical")
-    shutil.copy(out / experiment_folder.NAME, folder)
+    shutil.copy(out / experiment.FILE, folder)
     assert main([*words(folder, "single-level"), "--trap", "trap-10.9"]) == 2
     said = capsys.readouterr().err
     assert "hierarchical/seed-0 was made with other settings: there scenario.trap_speed" in said

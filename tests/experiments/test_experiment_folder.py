@@ -6,7 +6,7 @@ import pytest
 
 from lanewise.cli.main import main
 from lanewise.errors import RunError
-from lanewise.experiments import experiment, experiment_folder, reporting, schedule
+from lanewise.experiments import experiment, reporting, schedule
 
 QUICK = experiment.load("quick")
 
@@ -52,7 +52,7 @@ def test_a_folder_says_whose_it_is_and_is_continued(tmp_path, stopped):
         out = tmp_path / name
         assert main(command(out)) == 130
         written = everything(out)
-        assert sorted(path.name for path in written) == [experiment_folder.NAME]
+        assert sorted(path.name for path in written) == [experiment.FILE]
         assert main(command(out, "--seeds", "2", "--only", "single-level")) == 130
         assert everything(out) == written
 
@@ -78,11 +78,11 @@ def test_a_folder_of_another_experiment_is_refused(tmp_path, stopped, capsys):
     ],
 )
 def test_what_a_folder_says_is_read_as_a_strangers(tmp_path, text, said):
-    (tmp_path / experiment_folder.NAME).write_text(text)
+    (tmp_path / experiment.FILE).write_text(text)
     with pytest.raises(RunError, match=said) as caught:
-        experiment_folder.check(tmp_path, QUICK)
+        experiment.check_folder(tmp_path, QUICK)
     assert len(str(caught.value).splitlines()) <= 2
-    assert (tmp_path / experiment_folder.NAME).read_text() == text
+    assert (tmp_path / experiment.FILE).read_text() == text
 
 
 def moved(out):

@@ -14,7 +14,6 @@ from lanewise.config import validation
 from lanewise.config.settings import TRAPS, Settings
 from lanewise.errors import LanewiseError, RunError, SettingsError, one_line, shell_line
 from lanewise.experiments import experiment as experiments
-from lanewise.experiments import experiment_folder
 from lanewise.experiments.experiment import BUILT_IN, Experiment
 from lanewise.fields.ranges import EPISODES, SEEDS, Between, OneOf
 from lanewise.system import extras, folder_io, process
@@ -71,7 +70,7 @@ def run(parsed: Parsed[Reproduce]) -> int:
     wanted = any(chosen.count(arm, "highway_env_episodes") for arm in chosen.arms)
     if wanted and find_spec("highway_env") is None:
         raise LanewiseError(f"reproduce needs highway-env: {extras.install('report', 'highway')}")
-    experiment_folder.check(command.out, whole)
+    experiments.check_folder(command.out, whole)
     from lanewise.experiments import jobs as job_list
     from lanewise.experiments import reporting, results, schedule
 
@@ -87,8 +86,8 @@ def run(parsed: Parsed[Reproduce]) -> int:
         raise RunError(f"{command.out} is complete: see {report}, or choose another folder")
     with folder_io.make_locked(command.out, "reproducing") as out:
         # Another process may have begun something else meanwhile.
-        experiment_folder.check(command.out, whole)
-        experiment_folder.mark(out, whole)
+        experiments.check_folder(command.out, whole)
+        experiments.mark_folder(out, whole)
         # An old report would make an unfinished folder look complete.
         out.unlink(report.name)
         began = time.monotonic()

@@ -1,4 +1,4 @@
-"""An experiment as data: arms, seeds and settings, read from one TOML file.
+"""An experiment as data: arms, seeds and settings, read from one TOML file; and its folder.
 
 ::
 
@@ -19,6 +19,8 @@
 Imports no JAX.
 """
 
+import json
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib import resources
@@ -29,13 +31,20 @@ from lanewise import config
 from lanewise.config import validation
 from lanewise.config.settings import PRESETS, Settings
 from lanewise.controllers.registry import CONTROLLERS, WITH_STEP_1
-from lanewise.errors import SettingsError, brief
+from lanewise.errors import RunError, SettingsError, brief
 from lanewise.fields.ranges import EPISODES, Between, FieldType
 from lanewise.fields.suggestions import look_up, nearest
+from lanewise.runs.run_folder import require_empty
 from lanewise.system import safe_io
+from lanewise.system.folder_io import OpenFolder, write_atomically
 
 BUILT_IN = ("quick", "standard", "paper")
 """Experiments that come with the package, each a file beside this one."""
+FILE = "experiment.json"
+"""Names the experiment in its folder, written before anything else."""
+RUNS = "runs"
+"""Holds a folder for each arm, and in it one for each seed."""
+_FORMAT = "lanewise-experiment"
 _LARGEST_FILE = 100_000
 _MOST_ARMS = 100
 _LONGEST_TEXT = 200
@@ -211,3 +220,40 @@ def _table(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
         raise SettingsError(f"{key}: expected a table")
     return value
+
+
+def check_folder(out: Path, experiment: Experiment) -> None:
+    """Refuse a folder that is neither new, nor empty, nor one of this experiment."""
+    if not os.path.lexists(out / FILE):
+        require_empty(out)
+        return
+    other = _name_in(out / FILE)
+    if other != experiment.name:
+        raise RunError(
+            f'{out} holds experiment "{brief(other)}", not "{brief(experiment.name)}"; '
+            "choose another folder"
+        )
+
+
+def mark_folder(out: OpenFolder, experiment: Experiment) -> None:
+    """Name the experiment in its folder; an existing file stays as it is."""
+    if not os.path.lexists(out.path / FILE):
+        text = json.dumps({"format": _FORMAT, "experiment": experiment.name}, indent=2) + "\n"
+        write_atomically(out, {FILE: text.encode()})
+
+
+def _name_in(file: Path) -> str:
+    """The experiment that a folder's file names."""
+    try:
+        found = safe_io.parse_json(safe_io.read_bytes(file, _LARGEST_FILE, links=False))
+        if other := safe_io.format_mismatch(found, _FORMAT, 1):
+            raise RunError(f"{file} {other}")
+        if not isinstance(found, dict) or not isinstance(found.get("experiment"), str):
+            raise ValueError("it has other fields")
+    except (ValueError, safe_io.UnreadableError) as error:
+        raise RunError(
+            f"{file} does not name an experiment: {error}\n"
+            "  choose another folder, or delete it if the runs are of this experiment"
+        ) from error
+    name: str = found["experiment"]
+    return name

@@ -13,8 +13,7 @@ from lanewise.controllers.registry import STEP_1
 from lanewise.errors import RunError
 from lanewise.evaluation.settings import WORLDS
 from lanewise.experiments import evaluate_trained, stored_tests
-from lanewise.experiments.experiment import Experiment
-from lanewise.experiments.experiment_folder import RUNS
+from lanewise.experiments.experiment import RUNS, Experiment
 from lanewise.experiments.stored_tests import SETTINGS, StoredTest
 from lanewise.runs import run_state, trained
 from lanewise.runs.run_folder import LARGEST_SETTINGS, RunFolder
