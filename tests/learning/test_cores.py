@@ -31,7 +31,8 @@ for batch_size, hidden in SIZES:
 def gradients(threads):
     """Their digests in a process whose XLA takes the machine to have such cores."""
     environment = os.environ | {"NPROC": str(threads)}
-    environment.pop("JAX_COMPILATION_CACHE_DIR", None)
+    for name in ("JAX_COMPILATION_CACHE_DIR", "JAX_DISABLE_MOST_OPTIMIZATIONS"):
+        environment.pop(name, None)
     command = [sys.executable, "-c", GRADIENTS]
     return subprocess.run(
         command, env=environment, capture_output=True, text=True, check=True

@@ -51,7 +51,8 @@ def test_a_run_goes_on_with_the_compiler_it_was_made_with(tmp_path, monkeypatch)
         "--xla_cpu_multi_thread_eigen=false",
     )
     shown = "XLA_FLAGS=--xla_cpu_enable_fast_math=true"
-    monkeypatch.delenv("XLA_FLAGS", raising=False)
+    for name in ("XLA_FLAGS", "JAX_DISABLE_MOST_OPTIMIZATIONS"):
+        monkeypatch.delenv(name, raising=False)
     RunFolder.create(run, Settings(), "hierarchical", 3).close()
     monkeypatch.setenv("XLA_FLAGS", f"{harmless} --xla_cpu_enable_fast_math=true")
     with pytest.raises(RunError, match=f"there none, here {shown}"):

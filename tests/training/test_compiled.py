@@ -43,9 +43,15 @@ def replay_shape(config):
     return f"f32[{level_settings.learner.replay_capacity},{2 * features + 3}]"
 
 
-def test_the_replay_is_never_copied():
+@pytest.fixture(scope="module")
+def chunk():
+    """The compiled program of a chunk."""
     state = jax.eval_shape(lambda: stage.begin(COURSE, {}, jax.random.key(0)))
-    found = written(compiled(stage.advance.__wrapped__, COURSE, {}, state), replay_shape(COURSE))
+    return compiled(stage.advance.__wrapped__, COURSE, {}, state)
+
+
+def test_the_replay_is_never_copied(chunk):
+    found = written(chunk, replay_shape(COURSE))
     assert found["scatter"] + found["dynamic-update-slice"] >= 1
     assert set(found) <= IN_PLACE
 
@@ -61,10 +67,8 @@ def test_a_copy_would_be_seen():
     assert not set(found) <= IN_PLACE
 
 
-def test_nothing_passes_between_host_and_device_inside_a_chunk():
-    state = jax.eval_shape(lambda: stage.begin(COURSE, {}, jax.random.key(0)))
-    program = compiled(stage.advance.__wrapped__, COURSE, {}, state)
-    assert not [word for word in TO_HOST if re.search(rf"\b{word}", program)]
+def test_nothing_passes_between_host_and_device_inside_a_chunk(chunk):
+    assert not [word for word in TO_HOST if re.search(rf"\b{word}", chunk)]
 
     @jax.jit
     def talkative(x):

@@ -17,9 +17,11 @@ from learner_reference import Reference
 UPDATES, LIMIT = 1000, 1e-10
 CHANGES = {
     "quick": {},
-    "plain": {"double": False},
-    "hard copy": {"target_update": "hard-copy"},
-    "falling rate": {"learning_rate_decay": 600},
+    "plain, hard copy, falling rate": {
+        "double": False,
+        "target_update": "hard-copy",
+        "learning_rate_decay": 600,
+    },
 }
 
 pytestmark = pytest.mark.slow
