@@ -119,7 +119,7 @@ def test_a_run_is_trained_and_tested_with_them_and_not_mistaken_for_another(tmp_
     with pytest.raises(RunError, match="no task functions of the user's own"):
         lanewise.evaluate("pretrained/single-level", task=PARTS)
     with pytest.raises(RunError, match="finished"):
-        lanewise.train(run, task=PARTS, resume=True)
+        lanewise.train(run, "single-level", task=PARTS, resume=True)
 
 
 @pytest.mark.parametrize(
