@@ -22,6 +22,10 @@ def pytest_configure(config: pytest.Config) -> None:
     if CACHE not in os.environ:
         os.environ[CACHE] = _temporary(config)
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+    if config.option.markexpr == "not slow":
+        # These tests compile for longer than they run, so their programs are not optimised.
+        # Those of the slow tests are, as users' are.
+        os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
     # Else a program's name would depend on where it is kept.
     os.environ["JAX_PERSISTENT_CACHE_ENABLE_XLA_CACHES"] = "none"
     if hasattr(config, "workerinput") or not config.getoption("numprocesses", None):
