@@ -19,7 +19,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
     Whoever sets the variable keeps programs from run to run.
     """
-    if CACHE not in os.environ:
+    if not os.environ.get(CACHE):
         os.environ[CACHE] = _temporary(config)
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
     if config.option.markexpr == "not slow":

@@ -66,7 +66,8 @@ NO_COUNT = "episodes must be between 1 and 10000000, got"
         ("x" * 300, {}, "cannot read .*: File name too long"),
         *((place, {}, "policy: expected a path, got") for place in ("a\0b", "a\ud800b", "")),
     ],
-    ids=lambda value: ascii(value)[:40],
+    # Without addresses, which differ from process to process.
+    ids=lambda value: ascii(value).partition(" at ")[0][:40],
 )
 def test_what_makes_no_sense_is_refused_before_an_episode_is_driven(
     monkeypatch, policy, given, said
