@@ -1,6 +1,7 @@
 """Files of strangers: none can run anything, and damaged ones are refused or say the same.
 
-Ruff's rules in pyproject.toml refuse source that could run what a file holds.
+Ruff's rules in pyproject.toml refuse source that could run what a file holds; a test looks for what
+Ruff does not see.
 """
 
 import ast
@@ -10,13 +11,34 @@ import shutil
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import lanewise
 import untrusted_files
 from lanewise.errors import LanewiseError, printable
 from untrusted_files import JOURNAL, TARGETS, fingerprint
+
+BUILTINS = {"compile", "eval", "exec", "__import__"}
+
+
+def runs_text(source):
+    """Whether it names a builtin that runs or compiles text, or lets NumPy unpickle."""
+    nodes = list(ast.walk(ast.parse(source)))
+    names = {node.id for node in nodes if isinstance(node, ast.Name)}
+    pickles = [n.value for n in nodes if isinstance(n, ast.keyword) and n.arg == "allow_pickle"]
+    return bool(names & BUILTINS) or any(ast.unparse(value) != "False" for value in pickles)
+
+
+def test_no_source_runs_text():
+    sources = Path(lanewise.__file__).parent.rglob("*.py")
+    assert [path for path in sources if runs_text(path.read_text("utf-8"))] == []
+    for source in ("run = exec", "compile(text, '', 'eval')", "__import__(name)"):
+        assert runs_text(source)
+    assert runs_text("np.load(path, allow_pickle=True)")
+
 
 WATCHED = """
 import os, sys
