@@ -85,6 +85,11 @@ class LowLevel:
         return replace(memory, action=choice)
 
 
+def increment_age(memory: TwoLevelMemory) -> TwoLevelMemory:
+    """The memory once the goal is a decision older."""
+    return replace(memory, goal=goal_critic.increment_age(memory.goal))
+
+
 class _WithGoals:
     """What both have in common: a goal, and the goal critic, which looks at it."""
 
@@ -102,15 +107,6 @@ class _WithGoals:
             self.goals, self.driving, self.renewal, memory.goal, percept
         )
         return replace(memory, goal=goal)
-
-    def act(self, memory: TwoLevelMemory, percept: Percept) -> tuple[Array, TwoLevelMemory]:
-        """What is below the goals decides; they are a decision older then."""
-        older = replace(memory, goal=goal_critic.increment_age(memory.goal))
-        return self._action(memory, percept), older
-
-    def _action(self, memory: TwoLevelMemory, percept: Percept) -> Array:
-        """The low-level action, int32 []."""
-        raise NotImplementedError
 
     def feedback(self, memory: TwoLevelMemory, percept: Percept) -> Feedback:
         """How far from its goal the ego is, and whether that counts as reached."""
@@ -148,8 +144,10 @@ class Planned(_WithGoals):
         """The high level alone."""
         return (HighLevel(self.goals, feature_count=self.observed),)
 
-    def _action(self, memory: TwoLevelMemory, percept: Percept) -> Array:
-        return planner.act(self.planner, self.driving, memory.goal.goal, percept)
+    def act(self, memory: TwoLevelMemory, percept: Percept) -> tuple[Array, TwoLevelMemory]:
+        """The planner's action."""
+        action = planner.act(self.planner, self.driving, memory.goal.goal, percept)
+        return action, increment_age(memory)
 
 
 @dataclass(frozen=True)
@@ -174,5 +172,6 @@ class Hierarchical(_WithGoals):
         """First the goal, then the action."""
         return (HighLevel(self.goals, feature_count=self.observed), LowLevel(self.observed))
 
-    def _action(self, memory: TwoLevelMemory, percept: Percept) -> Array:
-        return memory.action
+    def act(self, memory: TwoLevelMemory, percept: Percept) -> tuple[Array, TwoLevelMemory]:
+        """The low level's action."""
+        return memory.action, increment_age(memory)
