@@ -185,7 +185,7 @@ class Agent:
 
 
 def greedy(level="single_level"):
-    """What a network of ours chooses, in NumPy."""
+    """The action with the highest Q-value of a Lanewise network, in NumPy."""
     *hidden, (last, bias) = jax.device_get(WEIGHTS[level])
 
     def choose(seen):

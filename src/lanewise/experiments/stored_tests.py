@@ -92,7 +92,7 @@ def store(
 def read(
     path: Path, controller: str, world: str, run: Callable[[], dict[str, Any]]
 ) -> StoredTest | None:
-    """A stored test, None where there is none.
+    """A stored test; None if it was not run yet.
 
     Args:
         path: the run folder.

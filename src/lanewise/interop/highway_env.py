@@ -218,10 +218,10 @@ def build_env(
 
     It is not to be reset: a reset would replace the road and all vehicles. EXTERNAL and CONSTANT
     vehicles are plain `Vehicle`s, RULE_BASED ones `IDMVehicle`s whose parameters are set on the
-    instance. The EXTERNAL one is driven by a DiscreteAction of nine actions; of several each is, by
-    a tuple of actions in their order (MultiAgentAction). Where there is none, the ego is vehicle 0,
-    which must be RULE_BASED and ignores actions. The observation, reward and endings are those of
-    the first driven vehicle; the observation is Kinematics with fixed ranges.
+    instance. One EXTERNAL vehicle takes a DiscreteAction of nine actions. Several take a tuple of
+    such actions, in their order (MultiAgentAction). Without any, the ego is vehicle 0, which must
+    be RULE_BASED and ignores actions. The observation, reward and endings are those of the first
+    driven vehicle; the observation is Kinematics with fixed ranges.
 
     Args:
         world: one world, any float type; absent vehicles are left out.

@@ -21,7 +21,7 @@ class OpenFolder:
     """An open folder: files are opened, renamed and deleted relative to its ``descriptor``."""
 
     def __init__(self, path: Path) -> None:
-        """Opens a folder; raises an OSError if there is none of that name."""
+        """Open a folder; an OSError if it does not exist."""
         self.path = path
         """Its name when it was opened."""
         self.descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)

@@ -89,7 +89,7 @@ def both(world: World, motion: Motion, observers: Observers, lane: Array) -> Pai
 
 
 def _nearest(observers: Observers, lane: Array, ahead: bool) -> Array:
-    """Number of the nearest vehicle, int32 in the shape of ``lane``; N where there is none."""
+    """Index of the nearest vehicle, int32 in the shape of ``lane``; N without one."""
     own = observers.world.vehicles.x
     x, occupied = observers.x, observers.occupied
     bit = roads.lane_bit(lane)
