@@ -17,14 +17,14 @@ interval of 95 % holds the true interquartile mean in about 50 % of cases with 2
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import isfinite, nan
+from math import nan
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from lanewise.evaluation.statistics import CONFIDENCE, Interval
+from lanewise.evaluation.statistics import CONFIDENCE, Interval, interval_to_json
 
 Scores = NDArray[np.float64]
 
@@ -47,8 +47,7 @@ class Estimate:
 
     def to_json(self) -> dict[str, Any]:
         """One object for JSON; an unknown interval is null."""
-        known = isfinite(self.interval[0])
-        return {"value": self.value, "interval": list(self.interval) if known else None}
+        return {"value": self.value, "interval": interval_to_json(self.interval)}
 
 
 def interquartile_mean(scores: Scores) -> Scores:

@@ -83,6 +83,11 @@ def _student_quantile(degrees: int) -> float:
     return float(special.stdtrit(degrees, (1.0 + CONFIDENCE) / 2.0))
 
 
+def interval_to_json(interval: Interval) -> list[float] | None:
+    """Both ends; null if the interval is not known."""
+    return list(interval) if isfinite(interval[0]) else None
+
+
 @dataclass(frozen=True)
 class MeanDifference:
     """Mean difference of a quantity, second minus first."""
@@ -94,8 +99,7 @@ class MeanDifference:
 
     def to_json(self) -> dict[str, Any]:
         """One object for JSON."""
-        known = isfinite(self.interval[0])
-        return {"difference": self.value, "interval": list(self.interval) if known else None}
+        return {"difference": self.value, "interval": interval_to_json(self.interval)}
 
 
 @dataclass(frozen=True)
