@@ -242,7 +242,7 @@ def _sweep(path, seed):
     book = journal.open_(path, IDENTITY if seed == WHOLE_SEED else IDENTITY | {"seed": seed})
     with book.folder, book.file:
         book.add([Reach(True, True, bool(n % 2), "0123" * n, n + seed) for n in range(4)])
-        book.add([PointResult(20, 18, 1, 1, 0, 12.5 + n, 9.25 + seed) for n in range(4)])
+        book.add([PointResult(20, 18, 1, 1, 0, 12.5 + n, 9.25 + seed, 19) for n in range(4)])
 
 
 def fingerprint(value: Any) -> str:

@@ -162,7 +162,7 @@ def test_a_sweep_writes_into_no_other_folder(whole, tmp_path, monkeypatch, capsy
         return draw(*arguments)
 
     monkeypatch.setattr(drives, "reach", lambda *_: [Reach(True, True, True, "0", 1)])
-    points = [PointResult(2, 2, *[0] * len(CAUSES), 8.0, 10.0)]
+    points = [PointResult(2, 2, *[0] * len(CAUSES), 8.0, 10.0, 2)]
     monkeypatch.setattr(drives, "run", lambda *_: [points])
     monkeypatch.setattr(maps, "write_sweep", break_in)
     assert main(sweep_words(whole, out, ego_speed="9", lanes="3", spacing="25")) == 2

@@ -1,13 +1,12 @@
-"""Makes `rliable_reference.json`: what the authors' package says of small tables of scores.
+"""Makes `rliable_reference.json`: what the authors' package says of made-up scores.
 
 In a virtual environment of its own (rliable 1.2.0 needs pandas below 3 through arch):
 
     python -m venv /tmp/rliable && /tmp/rliable/bin/pip install rliable==1.2.0 "pandas<3"
     /tmp/rliable/bin/python tests/evaluation/rliable_reference.py
 
-One table is real: the reward of the ten seeds of `results/quick.json`, in both worlds. The others
-are drawn here, two of them rounded so that scores are equal within and between arms. Takes about
-a minute.
+Scores of two arms are rounded, so that some are equal within and between them. Takes about half a
+minute.
 """
 
 import json
@@ -19,17 +18,18 @@ from pathlib import Path
 import numpy as np
 from rliable import library, metrics
 
-HERE = Path(__file__).resolve().parent
-STUDY = HERE.parents[1] / "results" / "quick.json"
-WORLDS = ("lanewise", "highway_env")
-IQM_RESAMPLES = 20_000
-IMPROVEMENT_RESAMPLES = 5_000
-"""Fewer, as rliable calls scipy once a task and resample."""
+RESAMPLES = 20_000
+RNG = np.random.default_rng(0)
+SCORES = {
+    "12 seeds": RNG.normal(0.5, 1.0, 12),
+    "9 seeds": RNG.normal(0.0, 1.0, 9),
+    "11 rounded seeds": RNG.normal(1.0, 1.0, 11).round(),
+    "8 rounded seeds": RNG.normal(0.0, 1.5, 8).round(),
+}
 
 
 def main():
-    tables = make_tables()
-    pairs = [("drawn, 5 seeds", "drawn, 7 seeds"), ("rounded, 6 seeds", "rounded, 4 seeds")]
+    pairs = [("12 seeds", "9 seeds"), ("11 rounded seeds", "8 rounded seeds")]
     stored = {
         "origin": {
             "package": "rliable",
@@ -38,55 +38,27 @@ def main():
             "date": datetime.now(UTC).date().isoformat(),
             "versions": {name: version(name) for name in ("rliable", "arch", "numpy", "scipy")}
             | {"python": platform.python_version()},
-            "resamples": {
-                "interquartile_mean": IQM_RESAMPLES,
-                "probability_of_improvement": IMPROVEMENT_RESAMPLES,
-            },
+            "resamples": RESAMPLES,
         },
-        "tables": {name: table.tolist() for name, table in tables.items()},
-        "interquartile_mean": {name: iqm(table) for name, table in tables.items()},
-        "probability_of_improvement": [
-            {"scores": x, "others": y, **improvement(tables[x], tables[y])} for x, y in pairs
-        ],
+        "scores": {name: scores.tolist() for name, scores in SCORES.items()},
+        "cases": [estimate(name) for name in SCORES] + [estimate(*pair) for pair in pairs],
     }
-    (HERE / "rliable_reference.json").write_text(json.dumps(stored, indent=1) + "\n")
+    path = Path(__file__).with_suffix(".json")
+    path.write_text(json.dumps(stored, indent=1) + "\n")
 
 
-def make_tables():
-    """Scores, [seeds, tasks] each."""
-    rng = np.random.default_rng(0)
-    rows = json.loads(STUDY.read_text())["rows"]
-    return {
-        "quick.json, both worlds": np.array(
-            [[row[world]["accumulated_reward"] for world in WORLDS] for row in rows]
-        ),
-        "quick.json, ours alone": np.array(
-            [[row["lanewise"]["accumulated_reward"]] for row in rows]
-        ),
-        "drawn, 5 seeds": rng.normal(0.5, 1.0, (5, 3)),
-        "drawn, 7 seeds": rng.normal(0.0, 1.0, (7, 3)),
-        "rounded, 6 seeds": rng.normal(1.0, 1.0, (6, 2)).round(),
-        "rounded, 4 seeds": rng.normal(0.0, 1.5, (4, 2)).round(),
-    }
-
-
-def iqm(table):
-    return _estimate(table, lambda scores: np.array([metrics.aggregate_iqm(scores)]), IQM_RESAMPLES)
-
-
-def improvement(scores, others):
-    return _estimate(
-        (scores, others),
-        lambda x, y: np.array([metrics.probability_of_improvement(x, y)]),
-        IMPROVEMENT_RESAMPLES,
-    )
-
-
-def _estimate(scores, statistic, resamples):
+def estimate(*arms):
+    """The interquartile mean of one arm, or how likely one improves on another."""
+    statistic = metrics.aggregate_iqm if len(arms) == 1 else metrics.probability_of_improvement
+    tables = [SCORES[name][:, None] for name in arms]
     # rliable draws from numpy's global state, whatever `random_state` it is given.
     np.random.seed(0)
-    value, interval = library.get_interval_estimates({"_": scores}, statistic, reps=resamples)
-    return {"value": float(value["_"][0]), "interval": interval["_"][:, 0].tolist()}
+    value, interval = library.get_interval_estimates(
+        {"_": tables[0] if len(arms) == 1 else tuple(tables)},
+        lambda *scores: np.array([statistic(*scores)]),
+        reps=RESAMPLES,
+    )
+    return {"arms": arms, "value": float(value["_"][0]), "interval": interval["_"][:, 0].tolist()}
 
 
 if __name__ == "__main__":

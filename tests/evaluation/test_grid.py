@@ -46,28 +46,21 @@ def test_denominators_count_the_starts_they_name():
     ]
     everything, winnable, clear = (pool(cells, name) for name in grids.DENOMINATORS)
     assert (everything.starts, everything.episodes, everything.successes) == (3, 30, 10)
-    assert everything.success_rate == pytest.approx(1 / 3)
-    assert (everything.escapes, everything.escape_rate) == (12, 0.4)
+    assert everything.rate("success") == pytest.approx(1 / 3)
+    assert (everything.escapes, everything.rate("escape")) == (12, 0.4)
     assert everything.accidents == {"collision": 14, "off_road": 0, "stopped": 1}
-    assert everything.accident_rate == pytest.approx(0.5)
-    assert (winnable.starts, winnable.success_rate) == (2, 0.5)
-    assert (clear.starts, clear.success_rate, clear.accident_rate) == (1, 0.8, 0.1)
+    assert everything.rate("accident") == pytest.approx(0.5)
+    assert (winnable.starts, winnable.rate("success")) == (2, 0.5)
+    assert (clear.starts, clear.rate("success"), clear.rate("accident")) == (1, 0.8, 0.1)
     low, high = clear.to_json()["success_interval"]
     # Clopper and Pearson's for 8 of 10, from tables.
     assert (low, high) == (pytest.approx(0.4439, abs=1e-4), pytest.approx(0.9748, abs=1e-4))
 
 
-def test_what_is_unknown_or_nothing_has_no_rate():
-    """One start from before both successes leaves the paper's unknown."""
-    share = pool([cell(), cell(escapes=None)])
-    assert (share.escapes, share.success_rate) == (None, 0.8)
-    assert math.isnan(share.escape_rate)
-    told = share.to_json()
-    assert (told["escapes"], told["escape_interval"], told["successes"]) == (None, None, 16)
+def test_nothing_has_no_rate():
     share = pool([cell(winnable=False)], "winnable")
     assert share.starts == share.episodes == 0
-    assert math.isnan(share.escape_rate)
-    assert math.isnan(share.success_rate)
+    assert math.isnan(share.rate("success"))
     assert share.to_json()["success_interval"] is None
 
 

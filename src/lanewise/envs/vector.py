@@ -170,12 +170,7 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
 
         states = jax.device_get(self._states)
         return tuple(
-            rendering.picture(
-                self.config,
-                jax.tree.map(lambda leaf, place=place: leaf[place], states),
-                success=bool(self._info["is_success"][place]),
-                accident=int(self._info["accident"][place]),
-            )
+            rendering.picture(self.config, jax.tree.map(lambda leaf, i=place: leaf[i], states))
             for place in range(self.num_envs)
         )
 

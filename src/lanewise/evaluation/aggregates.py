@@ -1,10 +1,9 @@
 """What the seeds of an arm say together: interquartile mean, probability of improvement.
 
-An arm is one way to train (controller and settings), repeated with several seeds. Its scores are
-[seeds] for one test task, or [seeds, tasks]. Intervals are percentile intervals of the stratified
-bootstrap, every (arm, task) being a stratum. All follow Agarwal et al., "Deep reinforcement
-learning at the edge of the statistical precipice", NeurIPS 2021, and agree with its authors'
-package rliable.
+An arm is one way to train (controller and settings), repeated with several seeds; each has one
+score, as there is one test task. Intervals are percentile intervals of the stratified bootstrap,
+every arm being a stratum. All follow Agarwal et al., "Deep reinforcement learning at the edge of
+the statistical precipice", NeurIPS 2021, and agree with its authors' package rliable.
 
 Single runs have their own intervals (`statistics`), which say nothing about other seeds.
 
@@ -55,13 +54,11 @@ def interquartile_mean(scores: Scores) -> Scores:
 
     Whole scores are left out, as in rliable, and none is weighted by a fraction, so that the
     figures can be compared with those of other papers. It follows that it is the plain mean for
-    fewer than 4 scores, and leaves out one of 5 at either end. [..., seeds, tasks] to [...]; tasks
-    are in one unit, as they are pooled.
+    fewer than 4 scores, and leaves out one of 5 at either end. [..., seeds] to [...].
 
     Source: Agarwal et al. 2021, section 4.3.
     """
-    pooled = scores.reshape(*scores.shape[:-2], -1)
-    middle: Scores = stats.trim_mean(pooled, TRIM, axis=-1)
+    middle: Scores = stats.trim_mean(scores, TRIM, axis=-1)
     return middle
 
 
@@ -69,22 +66,17 @@ def probability_of_improvement(scores: Scores, others: Scores) -> Scores:
     """How likely a new seed of one arm scores higher than a new seed of another: P(X > Y).
 
     The share of all pairs of seeds (X of the one, Y of the other) with X > Y, a tie counting one
-    half; the mean over tasks. It is the Mann-Whitney statistic U / (n m). 0.5 says that neither
-    arm is ahead; it does not say by how much.
+    half. It is the Mann-Whitney statistic U / (n m). 0.5 says that neither arm is ahead; it does
+    not say by how much.
 
     Source: Agarwal et al. 2021, section 4.3.
 
     Args:
-        scores: [..., n, tasks] of the arm that may be ahead; higher is better.
-        others: [..., m, tasks] of the other arm.
-
-    Raises:
-        ValueError: the tasks are not as many.
+        scores: [..., n] of the arm that may be ahead; higher is better.
+        others: [..., m] of the other arm.
     """
-    if scores.shape[-1] != others.shape[-1]:
-        raise ValueError(f"{scores.shape[-1]} tasks cannot be paired with {others.shape[-1]}")
-    ahead = np.sign(scores[..., :, None, :] - others[..., None, :, :])
-    share: Scores = (ahead.mean(axis=(-3, -2, -1)) + 1.0) / 2.0
+    ahead = np.sign(scores[..., :, None] - others[..., None, :])
+    share: Scores = (ahead.mean(axis=(-2, -1)) + 1.0) / 2.0
     return share
 
 
@@ -96,8 +88,8 @@ def estimate(
 ) -> Estimate:
     """A statistic with its 95 % percentile interval under the stratified bootstrap.
 
-    Seeds are drawn anew, with replacement, inside every stratum (arm and task), and the statistic
-    is computed from each resample; the ends are its 2.5 % and 97.5 % quantiles.
+    Seeds are drawn anew, with replacement, inside every arm, and the statistic is computed from
+    each resample; the ends are its 2.5 % and 97.5 % quantiles.
 
     Source: Efron, "Bootstrap methods", Annals of Statistics 7 (1979); Agarwal et al. 2021.
 
@@ -105,28 +97,19 @@ def estimate(
     equal seeds), where an interval without width would pretend to be certain.
 
     Args:
-        statistic: takes one array [..., seeds, tasks] an arm, and gives [...].
-        arms: the scores of each, [seeds] or [seeds, tasks].
+        statistic: takes one array [..., seeds] an arm, and gives [...].
+        arms: the scores of each, [seeds], all finite.
         seed: of the resampling; the same seed and scores give the same interval.
         resamples: number of resamples.
-
-    Raises:
-        ValueError: an arm has no score, one is not finite, or the tasks are not as many.
     """
-    tables = [_table(scores) for scores in arms]
-    value = float(statistic(*tables))
-    if min(len(table) for table in tables) < 2:
+    samples = [np.asarray(scores, dtype=np.float64) for scores in arms]
+    value = float(statistic(*samples))
+    if min(map(len, samples)) < 2:
         return Estimate(value, (nan, nan))
-    ends = np.cumsum([table.shape[1] for table in tables])
-
-    def of_strata(*strata: Scores, axis: int) -> Scores:
-        starts = zip((0, *ends[:-1]), ends, strict=True)
-        return statistic(*(np.stack(strata[start:end], axis=-1) for start, end in starts))
-
     # scipy resamples each of its samples alone, which is what makes them strata.
     found = stats.bootstrap(
-        [column for table in tables for column in table.T],
-        of_strata,
+        samples,
+        lambda *drawn, axis: statistic(*drawn),
         n_resamples=resamples,
         batch=_BATCH,
         vectorized=True,
@@ -136,14 +119,3 @@ def estimate(
     )
     low, high = (float(end) for end in found.confidence_interval)
     return Estimate(value, (low, high) if low < high else (nan, nan))
-
-
-def _table(scores: ArrayLike) -> Scores:
-    """Scores as [seeds, tasks]."""
-    table = np.asarray(scores, dtype=np.float64)
-    table = table[:, None] if table.ndim == 1 else table
-    if table.ndim != 2 or not table.size:
-        raise ValueError(f"scores must be [seeds] or [seeds, tasks], got shape {table.shape}")
-    if not np.isfinite(table).all():
-        raise ValueError("a score is not finite")
-    return table

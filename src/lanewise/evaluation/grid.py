@@ -108,13 +108,8 @@ class PointResult:
     """Mean of the episodes' average speeds, m/s."""
     reward: float
     """Mean accumulated reward."""
-    escapes: int | None = None
-    """The paper's successes: past the trap, whatever happened later. None in older results."""
-
-    @property
-    def accidents(self) -> int:
-        """Episodes that ended in any accident."""
-        return self.collision + self.off_road + self.stopped
+    escapes: int
+    """The paper's successes: past the trap, whatever happened later."""
 
 
 @dataclass(frozen=True)
@@ -140,52 +135,36 @@ class Share:
 
     starts: int
     episodes: int
-    escapes: int | None
-    """None where those of a start are unknown."""
+    escapes: int
     successes: int
     accidents: dict[str, int]
 
     @property
-    def escape_rate(self) -> float:
-        """The paper's success, of 1; not a number where it is unknown or without episodes."""
-        return self._rate(self.escapes)
+    def counts(self) -> dict[str, int]:
+        """Episodes by outcome; `rate` takes the same names."""
+        accidents = sum(self.accidents.values())
+        return {"escape": self.escapes, "success": self.successes, "accident": accidents}
 
-    @property
-    def success_rate(self) -> float:
-        """Of 1; not a number without episodes."""
-        return self._rate(self.successes)
-
-    @property
-    def accident_rate(self) -> float:
-        """Of 1; not a number without episodes."""
-        return self._rate(sum(self.accidents.values()))
+    def rate(self, outcome: str) -> float:
+        """How often an outcome came, of 1; NaN without episodes."""
+        return self.counts[outcome] / self.episodes if self.episodes else nan
 
     def to_json(self) -> dict[str, Any]:
         """The counts, the rates and their exact 95 % intervals."""
         stored: dict[str, Any] = dict(vars(self))
-        accidents = sum(self.accidents.values())
-        counts = {"escape": self.escapes, "success": self.successes, "accident": accidents}
-        for name, count in counts.items():
-            stored[f"{name}_rate"] = self._rate(count)
-            stored[f"{name}_interval"] = (
-                None
-                if count is None or not self.episodes
-                else clopper_pearson(count, self.episodes)
-            )
+        for outcome, count in self.counts.items():
+            interval = clopper_pearson(count, self.episodes) if self.episodes else None
+            stored |= {f"{outcome}_rate": self.rate(outcome), f"{outcome}_interval": interval}
         return stored
-
-    def _rate(self, count: int | None) -> float:
-        return nan if count is None or not self.episodes else count / self.episodes
 
 
 def pool(cells: Sequence[Cell], denominator: str = "all") -> Share:
     """The episodes of those cells that count under a denominator."""
     counted = [cell.outcome for cell in cells if DENOMINATORS[denominator](cell.reach)]
-    escapes = [outcome.escapes for outcome in counted if outcome.escapes is not None]
     return Share(
         starts=len(counted),
         episodes=sum(outcome.episodes for outcome in counted),
-        escapes=sum(escapes) if len(escapes) == len(counted) else None,
+        escapes=sum(outcome.escapes for outcome in counted),
         successes=sum(outcome.successes for outcome in counted),
         accidents={cause: sum(getattr(o, cause) for o in counted) for cause in CAUSES},
     )

@@ -38,8 +38,6 @@ class Verdict:
     """An escape, one action a decision, confirmed in the world; empty if none was found."""
     states: int
     """States visited by the exhaustive search; 0 where none was needed."""
-    decisions: int
-    """Decisions after which nothing was left of an unwinnable start, or time was up; else 0."""
 
     @property
     def decided(self) -> bool:
@@ -57,17 +55,17 @@ def judge(
     """
     for escape, holds in zip(known, replay(config, start, known[:KNOWN]), strict=False):
         if holds:
-            return Verdict(True, escape, 0, 0)
-    world = escapes.begin(config, escapes.numbers(start))
+            return Verdict(True, escape, 0)
+    world = escapes.begin(config, start)
     for width in escapes.WIDTHS:
         escape = _confirmed(config, start, escapes.search(config, world, width))
         if escape:
-            return Verdict(True, escape, 0, 0)
+            return Verdict(True, escape, 0)
     reached = escapes.search(config, world, None)
     states = sum(len(layer.egos) for layer in reached.layers[1:])
     if reached.whole:
-        return Verdict(False, (), states, len(reached.layers) - 1)
-    return Verdict(True, _confirmed(config, start, reached), states, 0)
+        return Verdict(False, (), states)
+    return Verdict(True, _confirmed(config, start, reached), states)
 
 
 def replay(
@@ -82,7 +80,7 @@ def replay(
         return np.zeros(0, bool)
     padded = np.full((KNOWN, config.duration), actions.IDLE, np.int32)
     padded[: len(sequences)] = sequences
-    world = escapes.begin(config, escapes.numbers(start))
+    world = escapes.begin(config, start)
     escaped: NDArray[np.bool_] = np.asarray(_replay(config.driving, world, padded))
     return escaped[: len(sequences)]
 

@@ -14,7 +14,7 @@ from math import isfinite, nan, sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 Interval = tuple[float, float]
@@ -31,12 +31,7 @@ def clopper_pearson(successes: int, trials: int) -> Interval:
     of beta distributions.
 
     Source: Clopper and Pearson, Biometrika 26 (1934).
-
-    Raises:
-        ValueError: the counts are impossible.
     """
-    if not 0 <= successes <= trials or trials < 1:
-        raise ValueError(f"{successes} of {trials} is not a rate")
     tail = (1.0 - CONFIDENCE) / 2.0
     failures = trials - successes
     low = float(special.betaincinv(successes, failures + 1, tail)) if successes else 0.0
@@ -52,11 +47,8 @@ def mean_interval(values: ArrayLike) -> Interval:
     single outcomes are not. NaN for fewer than two values.
     """
     sample = np.asarray(values, dtype=np.float64)
-    if sample.size < 2:
-        return nan, nan
-    mean = float(sample.mean())
-    half = _student_quantile(sample.size - 1) * float(sample.std(ddof=1))
-    return mean - half / sqrt(sample.size), mean + half / sqrt(sample.size)
+    # A mean is a ratio, whose denominators are all 1.
+    return ratio_interval(sample, np.ones_like(sample))
 
 
 def ratio_interval(numerators: ArrayLike, denominators: ArrayLike) -> Interval:
@@ -74,13 +66,9 @@ def ratio_interval(numerators: ArrayLike, denominators: ArrayLike) -> Interval:
         return nan, nan
     ratio = float(above.sum() / below.sum())
     spread = float((above - ratio * below).std(ddof=1) / below.mean())
-    half = _student_quantile(above.size - 1) * spread / sqrt(above.size)
+    student = float(special.stdtrit(above.size - 1, (1.0 + CONFIDENCE) / 2.0))
+    half = student * spread / sqrt(above.size)
     return ratio - half, ratio + half
-
-
-def _student_quantile(degrees: int) -> float:
-    """The t with P(-t < T < t) = `CONFIDENCE`, for Student's T."""
-    return float(special.stdtrit(degrees, (1.0 + CONFIDENCE) / 2.0))
 
 
 def interval_to_json(interval: Interval) -> list[float] | None:
@@ -126,24 +114,15 @@ class RateDifference:
 
 
 def mean_difference(first: ArrayLike, second: ArrayLike) -> MeanDifference:
-    """Mean of second minus first over n pairs, with Student's interval.
-
-    Raises:
-        ValueError: there is no pair, or the lengths differ.
-    """
-    difference = np.subtract(*_pairs(second, first), dtype=np.float64)
+    """Mean of second minus first over n pairs, with Student's interval."""
+    difference = np.subtract(second, first, dtype=np.float64)
     return MeanDifference(float(difference.mean()), mean_interval(difference))
 
 
-def rate_difference(first: ArrayLike, second: ArrayLike) -> RateDifference:
-    """How much more often the second controller had an outcome, [n] bool, and if that is chance.
-
-    Raises:
-        ValueError: there is no pair, or the lengths differ.
-    """
-    before, after = (np.asarray(side, dtype=np.bool_) for side in _pairs(first, second))
-    only_second, only_first = int((after & ~before).sum()), int((before & ~after).sum())
-    value = (only_second - only_first) / len(before)
+def rate_difference(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> RateDifference:
+    """How much more often the second controller had an outcome, [n] each, and if that is chance."""
+    only_second, only_first = int((second & ~first).sum()), int((first & ~second).sum())
+    value = (only_second - only_first) / len(first)
     return RateDifference(value, only_second, only_first, mcnemar(only_second, only_first))
 
 
@@ -159,10 +138,3 @@ def mcnemar(only_first: int, only_second: int) -> float:
 
     total = only_first + only_second
     return float(stats.binomtest(only_first, total).pvalue) if total else 1.0
-
-
-def _pairs(first: ArrayLike, second: ArrayLike) -> tuple[Any, Any]:
-    ours, theirs = np.asarray(first), np.asarray(second)
-    if ours.shape != theirs.shape or ours.ndim != 1 or not len(ours):
-        raise ValueError(f"{ours.shape} and {theirs.shape} are not pairs")
-    return ours, theirs

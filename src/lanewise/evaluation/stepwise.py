@@ -4,7 +4,7 @@ A *policy* chooses for a batch of drives, a *simulator* moves their worlds on; w
 what `lanewise.evaluation.evaluator` counts.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Protocol
@@ -16,6 +16,9 @@ from jax import Array
 from numpy.typing import NDArray
 
 from lanewise.controllers.controller import Memory, Parameters
+from lanewise.controllers.goal_critic import GoalMemory
+from lanewise.driving.episode import Episode
+from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation import evaluator
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.evaluation.evaluator import Drive, EvaluationConfig
@@ -118,7 +121,9 @@ def record(
         jax.tree.map(lambda leaf: np.asarray(leaf[place]), drive)
         for drive in _drive(config, policy, simulator, seed, index - place, wanted)
     ]
-    return _recording(config, frames)
+    stacked: Any = jax.tree.map(lambda *leaf: np.stack(leaf), *frames)
+    goals = config.controller.goal(stacked.memory)
+    return recording(config.controller.name, config.driving, stacked.episode, goals)
 
 
 def _drive(
@@ -171,36 +176,35 @@ def _step(config: EvaluationConfig, drive: Drive, memory: Memory, action: Array)
     return jax.vmap(partial(evaluator.step, config))(drive, memory, action)
 
 
-def _recording(config: EvaluationConfig, frames: Sequence[Drive]) -> Recording:
-    """A recording from the drive at the start and after each decision."""
-    stacked: Any = jax.tree.map(lambda *leaf: np.stack(leaf), *frames)
-    world, stats = stacked.episode.world, stacked.episode.stats
-    first: World = frames[0].episode.world
-    vehicles, goal = world.vehicles, config.controller.goal(stacked.memory)
-    count = len(frames)
-    nothing = np.zeros(count)
+def recording(
+    controller: str, driving: DrivingSettings, states: Episode, goals: GoalMemory | None
+) -> Recording:
+    """A recording from the states at the start and after each decision, [T], and their goals."""
+    world, stats = states.world, states.stats
+    vehicles, drivers, road = world.vehicles, world.drivers, world.road
+    lanes, nothing = road.present[0], np.zeros(len(states.start_x))
     # The goal under way in the first frame is the one that its decision sets.
-    under_way = np.maximum(np.arange(count), 1)
-    goal_lane = nothing - 1 if goal is None else np.asarray(goal.goal.lane)
-    goal_speed = nothing * np.nan if goal is None else np.asarray(goal.goal.speed)
+    under_way = np.arange(len(nothing)).clip(1).clip(max=len(nothing) - 1)
+    goal_lane = nothing - 1 if goals is None else np.asarray(goals.goal.lane)
+    goal_speed = nothing * np.nan if goals is None else np.asarray(goals.goal.speed)
     return Recording(
-        controller=config.controller.name,
-        time=np.arange(count, dtype=np.float64) * config.driving.decision_duration,
+        controller=controller,
+        time=np.asarray(stats.decisions, np.float64) * driving.decision_duration,
         x=np.asarray(vehicles.x, np.float64),
         y=np.asarray(vehicles.y, np.float64),
         heading=np.asarray(vehicles.heading, np.float64),
         speed=np.asarray(vehicles.speed, np.float64),
         crashed=np.asarray(vehicles.crashed, np.bool_),
-        present=np.asarray(first.vehicles.present),
-        role=trap.roles(first),
-        length=np.asarray(first.drivers.length, np.float64),
-        width=np.asarray(first.drivers.width, np.float64),
-        lane_centre=np.asarray(first.road.centre, np.float64)[first.road.present],
-        lane_width=np.asarray(first.road.width, np.float64)[first.road.present],
+        present=np.asarray(vehicles.present[0]),
+        role=trap.roles(jax.tree.map(lambda leaf: leaf[0], world)),
+        length=np.asarray(drivers.length[0], np.float64),
+        width=np.asarray(drivers.width[0], np.float64),
+        lane_centre=np.asarray(road.centre[0], np.float64)[lanes],
+        lane_width=np.asarray(road.width[0], np.float64)[lanes],
         goal_lane=np.asarray(goal_lane, np.int64)[under_way],
         goal_speed=np.asarray(goal_speed, np.float64)[under_way],
-        goals_ended=np.asarray(nothing if goal is None else goal.ended, np.int64),
-        goals_timed_out=np.asarray(nothing if goal is None else goal.timed_out, np.int64),
+        goals_ended=np.asarray(nothing if goals is None else goals.ended, np.int64),
+        goals_timed_out=np.asarray(nothing if goals is None else goals.timed_out, np.int64),
         reward=np.asarray(stats.outcome.reward, np.float64),
         accumulated_reward=np.asarray(stats.timestep_reward, np.float64),
         escaped=np.asarray(stats.escaped, np.bool_),

@@ -10,7 +10,7 @@ import numpy as np
 
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import Recording
-from lanewise.report.frame import COLOURS, SIZE, frame
+from lanewise.report.frame import COLOURS, HEIGHT, WIDTH, frame
 from lanewise.report.output_files import replacing
 from lanewise.system.extras import needed_for
 
@@ -33,47 +33,45 @@ def check_name(path: Path | str) -> str:
     return suffix
 
 
-def render(recording: Recording, path: Path | str, size: tuple[int, int] = SIZE) -> None:
-    """Write a recording as a .gif or .mp4 in real time; `size` is in pixels, both even."""
+def render(recording: Recording, path: Path | str) -> None:
+    """Write a recording as a .gif or .mp4 in real time."""
     write = {".gif": _gif, ".mp4": _mp4}[check_name(path)]
     with replacing(path) as beside:
-        write(recording, beside, size)
+        write(recording, beside)
 
 
-def _frames(recording: Recording, size: tuple[int, int]) -> Iterator[Image.Image]:
+def _frames(recording: Recording) -> Iterator[Image.Image]:
     start, end = float(recording.time[0]), float(recording.time[-1])
     count = int(np.ceil((end - start) * FRAME_RATE - 1e-6))
     for number in range(count + 1):
-        last = frame(recording, start + number / FRAME_RATE, size)
+        last = frame(recording, start + number / FRAME_RATE)
         yield last
     for _ in range(round(LINGER * FRAME_RATE)):
         yield last
 
 
-def _gif(recording: Recording, path: Path, size: tuple[int, int]) -> None:
-    palette = _palette(recording, size)
-    frames = _frames(recording, size)
+def _gif(recording: Recording, path: Path) -> None:
+    palette, frames = _palette(recording), _frames(recording)
     reduced = (image.quantize(palette=palette, dither=Image.Dither.NONE) for image in frames)
     looks: Any = {"save_all": True, "duration": 1000 // FRAME_RATE, "loop": 0}
     next(reduced).save(path, append_images=reduced, **looks)
 
 
-def _palette(recording: Recording, size: tuple[int, int]) -> Image.Image:
+def _palette(recording: Recording) -> Image.Image:
     """One palette for all frames, so that nothing flickers and the file is small.
 
     From the shades of the first and the last frame, and each colour that may be in neither.
     """
-    width, height = size
-    sample = Image.new("RGB", (width, 3 * height))
-    sample.paste(frame(recording, float(recording.time[0]), size))
-    sample.paste(frame(recording, float(recording.time[-1]), size), (0, height))
-    patch = width // len(COLOURS) + 1
+    sample = Image.new("RGB", (WIDTH, 3 * HEIGHT))
+    sample.paste(frame(recording, float(recording.time[0])))
+    sample.paste(frame(recording, float(recording.time[-1])), (0, HEIGHT))
+    patch = WIDTH // len(COLOURS) + 1
     for number, colour in enumerate(COLOURS):
-        sample.paste(colour, (number * patch, 2 * height, (number + 1) * patch, 3 * height))
+        sample.paste(colour, (number * patch, 2 * HEIGHT, (number + 1) * patch, 3 * HEIGHT))
     return sample.quantize(GIF_COLOURS, dither=Image.Dither.NONE)
 
 
-def _mp4(recording: Recording, path: Path, size: tuple[int, int]) -> None:
+def _mp4(recording: Recording, path: Path) -> None:
     with needed_for("an MP4 clip"):
         import imageio_ffmpeg
 
@@ -83,7 +81,7 @@ def _mp4(recording: Recording, path: Path, size: tuple[int, int]) -> None:
         raise LanewiseError("there is no ffmpeg for an MP4 clip; write a .gif instead") from error
     # So that no name is taken for an option or a protocol.
     place = f"file:{path}"
-    sent = _encode(ffmpeg, _frames(recording, size), place, size)
+    sent = _encode(ffmpeg, _frames(recording), place)
     # An encoder that runs out of room while finishing may well call that a success.
     try:
         stored, _ = imageio_ffmpeg.count_frames_and_secs(place)
@@ -93,13 +91,13 @@ def _mp4(recording: Recording, path: Path, size: tuple[int, int]) -> None:
         raise OSError("the video encoder did not finish; is there room on the disk?")
 
 
-def _encode(ffmpeg: str, frames: Iterator[Image.Image], place: str, size: tuple[int, int]) -> int:
+def _encode(ffmpeg: str, frames: Iterator[Image.Image], place: str) -> int:
     """Hand frames to an ffmpeg; how many it made a video of, 0 if it failed.
 
     imageio-ffmpeg's own writer runs Python in the new process before it becomes ffmpeg, to give it
     a process group; in a copy of a process with threads, such as JAX's, that may wait for ever.
     """
-    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}"]
+    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{WIDTH}x{HEIGHT}"]
     # yuv420 is what all players know; it halves the colour resolution, hence even sizes.
     wanted = ["-vcodec", "h264", "-crf", "10", "-pix_fmt", "yuv420p"]
     process = subprocess.Popen(

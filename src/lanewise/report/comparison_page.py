@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import isfinite, nan
-from typing import Any, NamedTuple
+from typing import Any
 
 from lanewise.errors import one_line
 from lanewise.evaluation.aggregates import Estimate
@@ -53,14 +53,9 @@ class ComparisonPage:
     command: str = ""
 
 
-class Section(NamedTuple):
-    """A table with a row for each run or arm, and a column for each metric of `SHOWN`."""
-
-    title: str
-    units: Sequence[str]
-    """Below the metrics' titles."""
-    rows: Sequence[Sequence[str]]
-    """Label and cells: a value, and below it what belongs to it."""
+Section = tuple[str, Sequence[str], Sequence[Sequence[str]]]
+"""A table's title, what stands below the titles of `SHOWN`, and rows: a label, then a cell for each
+metric, with a value and below it what belongs to it."""
 
 
 def text(page: ComparisonPage) -> str:
@@ -163,14 +158,17 @@ def _sections(comparison: Comparison) -> list[Section]:
         [_letter(i), *(_difference(metric, found[metric.name]) for metric in SHOWN)]
         for i, found in enumerate(comparison.differences, 1)
     ]
-    found = [Section("Runs", units, runs), Section("Minus A, start by start", units, differences)]
+    found: list[Section] = [
+        ("Runs", units, runs),
+        ("Minus A, start by start", units, differences),
+    ]
     if not comparison.has_seeds:
         return found
     means = [
         [str(i), *(tables.estimated(m, arm.interquartile_mean[m.name], "\n") for m in SHOWN)]
         for i, arm in enumerate(comparison.arms, 1)
     ]
-    found.append(Section("Interquartile mean over the seeds of an arm", units, means))
+    found.append(("Interquartile mean over the seeds of an arm", units, means))
     ways = ["fewer" if metric.name in FEWER_IS_BETTER else "more" for metric in SHOWN]
     for over in range(len(comparison.arms) - 1):
         chances = [
@@ -178,7 +176,7 @@ def _sections(comparison: Comparison) -> list[Section]:
             for each in comparison.improvements
             if each.over == over
         ]
-        found.append(Section(f"P(better than arm {over + 1})", ways, chances))
+        found.append((f"P(better than arm {over + 1})", ways, chances))
     return found
 
 

@@ -9,7 +9,7 @@ from lanewise.evaluation.metrics import (
     PUBLISHED,
     PUBLISHED_EPISODES,
     Summary,
-    published_interval,
+    published_intervals,
 )
 from lanewise.report import tables
 from lanewise.report.markup import cell, line
@@ -34,9 +34,7 @@ def columns(summaries: Sequence[Summary]) -> list[Summary]:
     for controller in dict.fromkeys([*(c for c in PUBLISHED if c in ours), *ours]):
         own = [s for s in summaries if s.controller == controller]
         if controller in PUBLISHED and all(s.unlike_paper == "" for s in own):
-            known = PUBLISHED[controller]
-            found = {name: published_interval(controller, name) for name in known}
-            intervals = {name: each for name, each in found.items() if each is not None}
+            known, intervals = PUBLISHED[controller], published_intervals(controller)
             count = PUBLISHED_EPISODES
             result.append(Summary(controller, "published", count, known, {}, intervals))
         result += own
@@ -65,11 +63,8 @@ def text(summaries: Sequence[Summary]) -> str:
 
 
 def _left_out(summaries: Sequence[Summary]) -> list[str]:
-    why: dict[str, str] = {}
-    for summary in summaries:
-        if summary.controller in PUBLISHED and summary.unlike_paper:
-            why.setdefault(summary.controller, summary.unlike_paper)
-    return tables.left_out(why)
+    known = [summary for summary in summaries if summary.controller in PUBLISHED]
+    return tables.left_out({each.controller: each.unlike_paper for each in known})
 
 
 def _rows(every: Sequence[Summary]) -> list[list[str]]:

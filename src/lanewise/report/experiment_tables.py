@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from lanewise.evaluation import aggregates, metrics
+from lanewise.evaluation.aggregates import Estimate
 from lanewise.evaluation.metrics import METRICS, PUBLISHED, Metric, Summary
 from lanewise.report import tables
 from lanewise.report.markup import cell, line
@@ -95,13 +96,12 @@ def every_seed(arms: Sequence[ArmFigures], worlds: Sequence[str]) -> str:
     return tables.markdown(heads, rows) + "\n"
 
 
-def over_seeds(arms: Sequence[ArmFigures], reference: str | None, world: str = "lanewise") -> str:
-    """Interquartile means with bootstrap intervals, and how likely an arm beats the reference.
+def over_seeds(arms: Sequence[ArmFigures], reference: str | None) -> str:
+    """Interquartile means in our world with bootstrap intervals, and how likely an arm beats one.
 
     Args:
         arms: an arm of one seed has no interval.
         reference: title of the arm to compare the others with; None leaves the comparison out.
-        world: the world of the tests.
     """
     held = next((arm for arm in arms if arm.title == reference), None)
     shown = [metric for metric in METRICS if metric.name in OVER_SEEDS]
@@ -112,23 +112,25 @@ def over_seeds(arms: Sequence[ArmFigures], reference: str | None, world: str = "
             heads.append(f"P({metric.title} above {cell(held.title)})")
     rows = []
     for arm in arms:
-        if not arm.tests.get(world):
+        if not arm.tests.get("lanewise"):
             continue
         row = [cell(arm.title)]
         for metric in shown:
-            scores = arm.values(world, metric.name)
-            known = all(map(isfinite, scores))
-            mean = aggregates.interquartile_mean
-            middle = aggregates.estimate(mean, scores) if known else None
+            scores = arm.values("lanewise", metric.name)
+            middle = _estimate(aggregates.interquartile_mean, scores)
             row.append(tables.estimated(metric, middle) if middle else UNKNOWN)
             if held is not None:
-                others = held.values(world, metric.name)
-                beside = arm is not held and known and others and all(map(isfinite, others))
-                chance = aggregates.probability_of_improvement
-                ahead = aggregates.estimate(chance, scores, others) if beside else None
+                others = [] if arm is held else held.values("lanewise", metric.name)
+                ahead = _estimate(aggregates.probability_of_improvement, scores, others)
                 row.append(tables.chance(ahead) if ahead else UNKNOWN)
         rows.append(row)
     return tables.markdown(heads, rows) + "\n"
+
+
+def _estimate(statistic: Callable[..., Any], *arms: Sequence[float]) -> Estimate | None:
+    """Over seeds; None where an arm has no score or an unknown one."""
+    known = all(scores and all(map(isfinite, scores)) for scores in arms)
+    return aggregates.estimate(statistic, *arms) if known else None
 
 
 def training(arms: Sequence[ArmFigures]) -> str:
@@ -240,5 +242,5 @@ def _beside(
 
 def _left_out(arms: Sequence[ArmFigures], published: Mapping[str, Any], unlike: str) -> list[str]:
     """Why some arms must not be compared with published figures."""
-    why = {arm.title: getattr(arm, unlike) for arm in arms if arm.controller in published}
-    return tables.left_out({title: reason for title, reason in why.items() if reason})
+    known = (arm for arm in arms if arm.controller in published)
+    return tables.left_out({arm.title: getattr(arm, unlike) for arm in known})

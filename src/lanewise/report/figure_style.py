@@ -1,6 +1,6 @@
 """How every figure looks, and how it is written: one place for fonts, lines, bands and files."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -117,15 +117,18 @@ def band(
         axes.plot(x, edge, drawstyle="steps-post" if stepped else "default", **thin)
 
 
-def key(own: Style, title: str, count: int, noun: str) -> Line2D:
-    """A curve's entry in a legend, with how many of what it is the mean of."""
-    label = f"{plain(title)} ({count} {noun}{'s' if count > 1 else ''})"
-    return Line2D([], [], color=own.colour, ls=own.dashes, lw=DRAWN, label=label)
-
-
-def band_key(label: str) -> Patch:
-    """A band's entry in a legend."""
-    return Patch(facecolor="0.87", edgecolor="0.4", linewidth=THIN, label=label)
+def keys(
+    arms: Mapping[str, Sequence[Any]], looks: Mapping[str, Style], noun: str, band: str
+) -> list[Artist]:
+    """Legend entries of curves, each with how many it is the mean of, and of their bands if any."""
+    handles: list[Artist] = []
+    for title, own in looks.items():
+        count = len(arms[title])
+        label = f"{plain(title)} ({count} {noun}{'s' if count > 1 else ''})"
+        handles.append(Line2D([], [], color=own.colour, ls=own.dashes, lw=DRAWN, label=label))
+    if any(len(each) > 1 for each in arms.values()):
+        handles.append(Patch(facecolor="0.87", edgecolor="0.4", linewidth=THIN, label=band))
+    return handles
 
 
 def legend(figure: Figure, handles: Sequence[Artist], most: int = 3) -> None:

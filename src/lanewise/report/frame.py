@@ -10,8 +10,8 @@ from lanewise.system.extras import needed_for
 with needed_for("drawing a recording"):
     from PIL import Image, ImageDraw, ImageFont
 
-SIZE = (960, 240)
-"""Width and height of a frame, pixels."""
+WIDTH, HEIGHT = 960, 240
+"""Of a frame, pixels; even, as MP4 wants them."""
 VISIBLE_ROAD = 120.0
 """Length of road across the picture, m."""
 EGO_PLACE = 0.42
@@ -31,11 +31,9 @@ COLOURS = (*road_shapes.COLOURS, PAPER, INK, FAINT, GREEN, ALARM)
 class Camera:
     """From metres to pixels: it follows the ego along the road and shows the whole width."""
 
-    def __init__(
-        self, recording: Recording, ego_x: float, size: tuple[int, int], enlarged: int = 1
-    ) -> None:
+    def __init__(self, recording: Recording, ego_x: float, enlarged: int = 1) -> None:
         left, right = road_shapes.edges(recording)
-        width, height = size[0] * enlarged, size[1] * enlarged
+        width, height = WIDTH * enlarged, HEIGHT * enlarged
         self.panel = PANEL * height
         room = height - self.panel
         # 0.8 leaves a strip of grass for the distance marks.
@@ -51,59 +49,48 @@ class Camera:
         return (x - self.origin) * self.scale, self._middle + (y - self._centre) * self.scale
 
 
-def frame(recording: Recording, t: float, size: tuple[int, int] = SIZE) -> Image.Image:
+def frame(recording: Recording, t: float) -> Image.Image:
     """The road around the ego at `t` seconds, with goal, speed and reward above it."""
     now = road_shapes.moment(recording, t)
-    camera = Camera(recording, float(now.x[0]), size, SUPERSAMPLING)
-    large = Image.new("RGB", (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING), road_shapes.GRASS)
+    camera = Camera(recording, float(now.x[0]), SUPERSAMPLING)
+    large = Image.new("RGB", (WIDTH * SUPERSAMPLING, HEIGHT * SUPERSAMPLING), road_shapes.GRASS)
     draw = ImageDraw.Draw(large)
     for shape in road_shapes.shapes(recording, now, camera.origin, camera.end):
         draw.polygon([camera.pixel(corner) for corner in shape.corners], fill=shape.colour)
     draw.rectangle((0, 0, large.width, camera.panel), fill=PAPER)
-    picture = large.resize(size, Image.Resampling.BOX)
+    picture = large.resize((WIDTH, HEIGHT), Image.Resampling.BOX)
     letters = ImageDraw.Draw(picture)
-    _distances(letters, recording, Camera(recording, float(now.x[0]), size), size)
-    _panel(letters, recording, now, size)
+    _distances(letters, recording, Camera(recording, float(now.x[0])))
+    _panel(letters, recording, now)
     return picture
 
 
-def _distances(
-    draw: ImageDraw.ImageDraw, recording: Recording, camera: Camera, size: tuple[int, int]
-) -> None:
+def _distances(draw: ImageDraw.ImageDraw, recording: Recording, camera: Camera) -> None:
     """Metres along the road every 20 m, so that motion shows even on an empty road."""
-    points = round(0.05 * size[1])
-    if points < 8:  # not legible, and no room
-        return
-    font = ImageFont.load_default(size=points)
+    font = ImageFont.load_default(size=12)
     edge = road_shapes.edges(recording)[1] + road_shapes.SHOULDER
     for x in range(int(camera.origin // 20) * 20, int(camera.end) + 20, 20):
         column, top = camera.pixel((float(x), edge))
         draw.line((column, top + 2, column, top + 6), fill=FAINT)
-        if 2 * points < column < size[0] - 2 * points:
+        if 24 < column < WIDTH - 24:
             draw.text((column, top + 8), f"{x} m", font=font, fill=FAINT, anchor="ma")
 
 
-def _panel(
-    draw: ImageDraw.ImageDraw, recording: Recording, now: Moment, size: tuple[int, int]
-) -> None:
+def _panel(draw: ImageDraw.ImageDraw, recording: Recording, now: Moment) -> None:
     """Five figures in a row, under the controller's name and the badge."""
-    unit = min(size[0] / SIZE[0], size[1] / SIZE[1])
-    title, label, figure = (ImageFont.load_default(size=round(s * unit)) for s in (17, 13, 20))
-    edge = round(16 * unit)
-    rows = (round(8 * unit), round(36 * unit), round(53 * unit))
-    draw.text((edge, rows[0]), recording.controller, font=title, fill=INK)
+    title, label, figure = map(ImageFont.load_default, (17, 13, 20))
+    edge = 16
+    draw.text((edge, 8), recording.controller, font=title, fill=INK)
     if badge := _badge(recording, now):
         words, colour = badge
-        right, side = size[0] - edge, round(0.03 * size[1])
-        left = right - round(draw.textlength(words, font=title)) - 2 * side
-        top, bottom = rows[0] - side // 2, rows[0] + 3 * side
-        draw.rectangle((left, top, right, bottom), fill=colour)
-        middle = (right - side, top + 7 * side // 4)
-        draw.text(middle, words, font=title, fill=PAPER, anchor="rm")
+        right = WIDTH - edge
+        left = right - round(draw.textlength(words, font=title)) - 14
+        draw.rectangle((left, 5, right, 29), fill=colour)
+        draw.text((right - 7, 17), words, font=title, fill=PAPER, anchor="rm")
     for place, (name, value) in zip(COLUMNS, _figures(recording, now), strict=True):
-        column = edge + round(place * (size[0] - 2 * edge))
-        draw.text((column, rows[1]), name, font=label, fill=FAINT)
-        draw.text((column, rows[2]), value, font=figure, fill=INK)
+        column = edge + round(place * (WIDTH - 2 * edge))
+        draw.text((column, 36), name, font=label, fill=FAINT)
+        draw.text((column, 53), value, font=figure, fill=INK)
 
 
 def _figures(recording: Recording, now: Moment) -> list[tuple[str, str]]:

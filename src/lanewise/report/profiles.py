@@ -8,13 +8,11 @@ import numpy as np
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import Recording
 from lanewise.report import figure_style as style
-from lanewise.report.figure_style import Artist, Axes, Figure, Floats, Line2D, Look, Style
+from lanewise.report.figure_style import Axes, Figure, Floats, Line2D, Look, Style
 
 Arms = Mapping[str, Sequence[Recording]]
 """By a controller's title: recordings of the same length of test."""
 
-SECONDS = 40.0
-"""The paper's 40 timesteps."""
 QUANTILES = (0.1, 0.9)
 PANELS = (
     ("speed", "speed, m/s"),
@@ -39,8 +37,8 @@ class _Profile:
 
 
 @style.look()
-def draw(arms: Arms, *, seconds: float = SECONDS) -> Figure:
-    """The arms' profiles, so many seconds at most.
+def draw(arms: Arms) -> Figure:
+    """The arms' profiles.
 
     Curves are means over the episodes still under way, and end with the shortest that had no
     accident; bands hold the middle 80 %. An accident is a cross: from then on its episode counts in
@@ -53,7 +51,7 @@ def draw(arms: Arms, *, seconds: float = SECONDS) -> Figure:
     if not arms:
         raise LanewiseError("there is no recording to draw")
     looks = style.styles(arms)
-    profiles = {title: _profile(title, runs, seconds) for title, runs in arms.items()}
+    profiles = {title: _profile(title, runs) for title, runs in arms.items()}
     figure = Figure(figsize=(style.WIDTH, 6.4), layout="constrained")
     panels = style.panels(figure, len(PANELS))
     for axes, (name, label) in zip(panels, PANELS, strict=True):
@@ -61,25 +59,21 @@ def draw(arms: Arms, *, seconds: float = SECONDS) -> Figure:
             _arm(axes, one, name, looks[title])
         axes.set_ylabel(label)
     panels[-1].set_xlabel("time, timesteps of 1 s")
-    handles: list[Artist] = [
-        style.key(looks[title], title, len(runs), "episode") for title, runs in arms.items()
-    ]
-    if any(len(runs) > 1 for runs in arms.values()):
-        handles.append(style.band_key("band: middle 80 % of episodes"))
+    handles = style.keys(arms, looks, "episode", "band: middle 80 % of episodes")
     if any(one.accidents for one in profiles.values()):
         handles.append(Line2D([], [], label="accident ends an episode", **_cross("0.2")))
     style.legend(figure, handles)
     return figure
 
 
-def _profile(title: str, recordings: Sequence[Recording], seconds: float) -> _Profile:
+def _profile(title: str, recordings: Sequence[Recording]) -> _Profile:
     """An arm's recordings side by side, as far as the shortest without an accident goes."""
     if not recordings:
         raise LanewiseError(f"{title}: there is no recording to draw")
     whole = [recording for recording in recordings if not recording.accident]
     longest = max(recordings, key=lambda recording: len(recording.time))
     limit = min((run.time[-1] for run in whole), default=longest.time[-1])
-    time = longest.time[longest.time <= min(seconds, limit) + 1e-9]
+    time = longest.time[longest.time <= limit + 1e-9]
     for recording in recordings:
         common = min(len(time), len(recording.time))
         if not np.allclose(recording.time[:common], time[:common]):

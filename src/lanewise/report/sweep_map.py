@@ -35,10 +35,10 @@ LABELS = {
 # cividis looks the same to every kind of colour vision and rises evenly in grey. Bright is good in
 # both rows, so accidents run the other way.
 ROWS = (
-    ("success, % of winnable", "success_rate", "cividis"),
-    ("accidents, % of winnable", "accident_rate", "cividis_r"),
+    ("success, % of winnable", "success", "cividis"),
+    ("accidents, % of winnable", "accident", "cividis_r"),
 )
-"""Label, rate and colours of the rows of panels."""
+"""Label, outcome and colours of the rows of panels."""
 UNWINNABLE = "0.85"
 """Grey of a field in which no start can be won."""
 HATCH = "////"
@@ -64,13 +64,13 @@ def draw(cells: Sequence[Cell], view: MapAxes) -> Figure:
     height = 1.3 + 2 * (0.6 + 0.42 * len(down))
     figure = Figure(figsize=(width, height), layout="constrained")
     panels = figure.subplots(2, len(columns), sharex=True, sharey=True, squeeze=False)
-    for row, (label, rate, colours) in enumerate(ROWS):
+    for row, (label, outcome, colours) in enumerate(ROWS):
         scale = ScalarMappable(Normalize(0.0, 100.0), matplotlib.colormaps[colours])
         for column, value in enumerate(columns):
             axes = panels[row, column]
             own = [cell for cell in cells if getattr(cell.point, view.panel) == value]
             for (x, y), field in fold(own, view.x, view.y).items():
-                _field(axes, (across.index(x), down.index(y)), field, (rate, scale))
+                _field(axes, (across.index(x), down.index(y)), field, (outcome, scale))
             axes.set(xlim=(-0.5, len(across) - 0.5), ylim=(-0.5, len(down) - 0.5))
             axes.set_xticks(range(len(across)), [f"{value:g}" for value in across])
             axes.set_yticks(range(len(down)), [f"{value:g}" for value in down])
@@ -101,10 +101,10 @@ def _key(cells: Sequence[Cell], view: MapAxes) -> list[Patch]:
 def _field(
     axes: Axes, place: tuple[int, int], cells: Sequence[Cell], shown: tuple[str, ScalarMappable]
 ) -> None:
-    rate, scale = shown
+    outcome, scale = shown
     share = pool(cells, "winnable")
     lost = len(cells) - share.starts
-    percent = 100.0 * getattr(share, rate) if share.starts else 0.0
+    percent = 100.0 * share.rate(outcome) if share.starts else 0.0
     colour = to_rgb(scale.cmap(percent / 100.0) if share.starts else UNWINNABLE)
     # Luma, as in ITU-R BT.601.
     ink = "black" if np.dot(colour, (0.299, 0.587, 0.114)) > 0.5 else "white"

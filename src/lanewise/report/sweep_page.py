@@ -4,7 +4,6 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from datetime import UTC, datetime
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,7 @@ MAPS = {
 }
 """File names of the maps, what they show, and their captions."""
 RATES = {"escape": "success (paper)", "success": "success", "accident": "accidents"}
-"""Rates of a `Share`, and their titles."""
+"""Outcomes of a `Share`, and their titles."""
 WORST = 8
 """Fields of the map that the page lists as the worst."""
 
@@ -106,12 +105,13 @@ def totals(cells: Sequence[Cell]) -> str:
     for name, title in TITLES.items():
         share = pool(cells, name).to_json()
         row = [title, str(share["starts"]), str(share["episodes"])]
-        for rate in RATES:
-            if share["episodes"] and share[f"{rate}_interval"] is not None:
-                low, high = (f"{100.0 * end:.2f}" for end in share[f"{rate}_interval"])
-                row.append(f"{100.0 * share[f'{rate}_rate']:.2f} % ({low}, {high})")
-            else:
+        for outcome in RATES:
+            rate, interval = share[f"{outcome}_rate"], share[f"{outcome}_interval"]
+            if interval is None:
                 row.append(tables.UNKNOWN)
+            else:
+                low, high = interval
+                row.append(f"{100.0 * rate:.2f} % ({100.0 * low:.2f}, {100.0 * high:.2f})")
         rows.append(row)
     return tables.markdown(["over", "starts", "episodes", *RATES.values()], rows)
 
@@ -141,12 +141,11 @@ def _worst(cells: Sequence[Cell]) -> str:
     places = fold(cells, "ego_speed", "trap_speed", "lanes").items()
     shares = [(place, pool(own, "winnable")) for place, own in places]
     known = [(place, share) for place, share in shares if share.episodes]
-    known.sort(key=lambda item: item[1].success_rate)
+    known.sort(key=lambda item: item[1].rate("success"))
     rows = []
     for place, share in known[:WORST]:
-        rates = (100.0 * getattr(share, f"{name}_rate") for name in RATES)
-        shown = (f"{figure_of(rate)} %" if isfinite(rate) else tables.UNKNOWN for rate in rates)
-        rows.append([*(f"{value:g}" for value in place), str(share.starts), *shown])
+        rates = (f"{figure_of(100.0 * share.rate(outcome))} %" for outcome in RATES)
+        rows.append([*(f"{value:g}" for value in place), str(share.starts), *rates])
     heads = ["ego, m/s", "trap, m/s", "lanes", "winnable starts", *RATES.values()]
     return tables.markdown(heads, rows, texts=0)
 

@@ -54,11 +54,12 @@ def meanings() -> str:
     return "\n".join(f"- **{cell(metric.title)}**: {cell(metric.meaning)}." for metric in METRICS)
 
 
-def left_out(why: Mapping[str, str]) -> list[str]:
+def left_out(why: Mapping[str, str | None]) -> list[str]:
     """Lines that say why no published figures stand beside some tests, by their titles."""
     names: dict[str, list[str]] = {}
     for name, reason in why.items():
-        names.setdefault(line(reason), []).append(line(name))
+        if reason:
+            names.setdefault(line(reason), []).append(line(name))
     found = [f"- {', '.join(of)}: {reason}" for reason, of in names.items()]
     return [LEFT_OUT, *found] if found else []
 

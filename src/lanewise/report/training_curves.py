@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
 from lanewise.report import figure_style as style
-from lanewise.report.figure_style import Artist, Axes, Figure, Floats, Line2D, Look, Style
+from lanewise.report.figure_style import Axes, Figure, Floats, Line2D, Look, Style
 from lanewise.runs.metrics_file import settled_at
 
 Rows = Sequence[Mapping[str, Any]]
@@ -58,11 +58,7 @@ def draw(arms: Arms, *, settled: Mapping[str, float] | None = None) -> Figure:
             smooth = [factor * _running_mean(_column_of(rows, column), WINDOW) for rows in seeds]
             _arm(axes, smooth, looks[title], marks.get(title))
     panels[-1].set_xlabel(f"training episode (running mean over the last {WINDOW})")
-    handles: list[Artist] = [
-        style.key(looks[title], title, len(seeds), "seed") for title, seeds in arms.items()
-    ]
-    if any(len(seeds) > 1 for seeds in arms.values()):
-        handles.append(style.band_key("band: lowest to highest seed"))
+    handles = style.keys(arms, looks, "seed", "band: lowest to highest seed")
     if marks:
         handles.append(Line2D([], [], label=SETTLED, **_mark(Style("0.3", (0, ()), "o"))))
     style.legend(figure, handles)
