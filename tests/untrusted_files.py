@@ -12,10 +12,10 @@ import jax
 import numpy as np
 import small_runs
 
+from fabricate import make_episodes
 from lanewise import config
 from lanewise.cli import journal
 from lanewise.config.settings import Settings
-from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.grid import PointResult, Reach
 from lanewise.experiments import experiment, jobs, stored_tests
 from lanewise.export import contents, formats
@@ -211,19 +211,7 @@ def _policies(out, controller):
 
 
 def made_up_episodes(seed, count=40):
-    rng = np.random.default_rng(seed)
-    success = rng.random(count) < 0.7
-    return Episodes(
-        success=success,
-        accident=np.where(success, 0, rng.integers(0, 4, count)).astype(np.int8),
-        accumulated_reward=rng.normal(13, 1, count),
-        average_speed=rng.normal(13, 0.2, count),
-        travel_distance=rng.normal(325, 5, count),
-        duration=np.where(success, 25.0, 10.0),
-        escape_time=np.where(success, 15.0 + rng.random(count), np.nan),
-        goals=np.full(count, 10),
-        goals_timed_out=np.arange(count) % 4,
-    )
+    return make_episodes(3 * count // 4, count, seed)
 
 
 def _tested(path, seed):

@@ -6,28 +6,11 @@ import math
 import numpy as np
 import pytest
 
+from fabricate import make_episodes
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import comparison, metrics, statistics
 from lanewise.evaluation.aggregates import estimate, interquartile_mean
 from lanewise.evaluation.comparison import Entry, arm_members, compare
-from lanewise.evaluation.episodes import Episodes
-
-
-def make(seed, successes=30, faster=0.0, total=40):
-    rng = np.random.default_rng(seed)
-    success = np.arange(total) < successes
-    return Episodes(
-        success=success,
-        accident=np.where(success, 0, 1).astype(np.int8),
-        accumulated_reward=rng.normal(10.0 + faster, 1.0, total),
-        average_speed=rng.normal(12.0 + faster, 0.2, total),
-        travel_distance=rng.normal(300.0 + 25.0 * faster, 5.0, total),
-        duration=np.full(total, 25.0),
-        escape_time=np.full(total, np.nan),
-        goals=np.zeros(total, np.int64),
-        goals_timed_out=np.zeros(total, np.int64),
-    )
-
 
 RUNS = [
     Entry("a1", "hierarchical", 1, "x"),
@@ -36,7 +19,12 @@ RUNS = [
     Entry("c0", "hierarchical", 0, "y"),
     Entry("c7", "hierarchical", 7, "y"),
 ]
-EPISODES = [make(1, 36, 1.0), make(2, 0), make(3, 38, 1.0), make(4, 20), make(5, 24)]
+EPISODES = [
+    make_episodes(successes, 40, seed, faster)
+    for seed, (successes, faster) in enumerate(
+        [(36, 1.0), (0, 0.0), (38, 1.0), (20, 0.0), (24, 0.0)]
+    )
+]
 
 
 @pytest.fixture(scope="module")
@@ -62,12 +50,6 @@ def test_arms_keep_the_value_of_every_seed(found):
             assert kept.value == expected.value
             assert kept.interval == pytest.approx(expected.interval, nan_ok=True)
             assert math.isnan(kept.interval[0]) or len(arm.runs) > 1
-
-
-def test_summaries_are_those_of_evaluate(found):
-    expected = metrics.summarise(EPISODES[3], controller="hierarchical", world="lanewise")
-    assert found.summaries[3].values == pytest.approx(expected.values, nan_ok=True)
-    assert found.summaries[3].intervals == expected.intervals
 
 
 def test_differences_are_to_the_first_run(found):
@@ -113,4 +95,4 @@ def test_what_cannot_be_compared_is_refused():
     with pytest.raises(LanewiseError, match="at least two runs, got 1"):
         compare(RUNS[:1], EPISODES[:1], "lanewise")
     with pytest.raises(LanewiseError, match="equally many"):
-        compare(RUNS[:2], [make(0), make(0, total=41)], "lanewise")
+        compare(RUNS[:2], [EPISODES[0], make_episodes(0, 41)], "lanewise")

@@ -8,9 +8,9 @@ import imageio_ffmpeg
 import jax
 import numpy as np
 import pytest
-from fabricate import make_recording
 from PIL import Image, ImageColor
 
+from fabricate import make_recording
 from lanewise.errors import LanewiseError
 from lanewise.report import clip, frame, road_shapes
 

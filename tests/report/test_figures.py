@@ -6,13 +6,13 @@ from itertools import combinations
 import matplotlib
 import numpy as np
 import pytest
-from fabricate import FLAT, OURS, make_arm, make_recording, make_rows, make_sweep, make_training
 from matplotlib import cbook
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.text import Text
 from PIL import Image
 
+from fabricate import FLAT, OURS, make_arm, make_recording, make_rows, make_sweep, make_training
 from lanewise.errors import LanewiseError
 from lanewise.evaluation.grid import Grid, fold, pool
 from lanewise.report import (
@@ -285,9 +285,9 @@ def test_tracks_and_marks_are_the_recording():
         np.testing.assert_array_equal(tracks["default"].get_ydata(), ego)
         assert tracks["steps-pre"].get_color() == goal_figure.GOAL.colour
         set_ = [[0.0, goal[1]], [2.5, goal[6]], [8.5, goal[18]]]
-        assert marks(axes, goal_figure.SET) == set_
-        assert marks(axes, goal_figure.TIMED_OUT) == [[2.5, ego[5]]]
-        assert marks(axes, goal_figure.REACHED) == [[8.5, ego[17]]]
+        assert marks(axes, goal_figure.MARKERS["set"]) == set_
+        assert marks(axes, goal_figure.MARKERS["timed out"]) == [[2.5, ego[5]]]
+        assert marks(axes, goal_figure.MARKERS["reached"]) == [[8.5, ego[17]]]
 
 
 def test_an_accident_is_named_and_marked():

@@ -4,8 +4,8 @@ from dataclasses import fields
 from types import SimpleNamespace
 
 import numpy as np
-from fabricate import make_recording
 
+from fabricate import make_recording
 from lanewise.evaluation.episodes import Recording
 from lanewise.experiments import drives
 

@@ -7,8 +7,8 @@ import json
 import math
 
 import pytest
-from fabricate import FLAT, OURS, make_arm, make_episodes
 
+from fabricate import FLAT, OURS, make_arm, make_episodes
 from lanewise.evaluation.comparison import Entry, compare
 from lanewise.evaluation.metrics import summarise
 from lanewise.report import comparison_page, evaluation_table, experiment_tables

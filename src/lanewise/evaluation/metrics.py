@@ -26,11 +26,11 @@ class Metric:
     """Key in JSON and in tables."""
     title: str
     """Short name for people."""
-    unit: str
-    """Unit of the stored value; empty for plain numbers, and for rates, which are fractions."""
     meaning: str
     compute: Callable[[Episodes], tuple[float, Interval]]
     """Value and 95 % interval of a set of episodes; NaN where there is none."""
+    unit: str = ""
+    """Unit of the stored value; empty for plain numbers, and for rates, which are fractions."""
     counted: str = ""
     """How often what it sums is counted; shown in place of a unit."""
     rate: bool = False
@@ -48,27 +48,23 @@ def _mean(values: NDArray[np.float64]) -> tuple[float, Interval]:
     return value, statistics.mean_interval(known)
 
 
-def _reward_per_second(episodes: Episodes) -> tuple[float, Interval]:
-    total = float(episodes.duration.sum())
-    value = float(episodes.accumulated_reward.sum()) / total if total else nan
-    return value, statistics.ratio_interval(episodes.accumulated_reward, episodes.duration)
+def _ratio(above: NDArray[Any], below: NDArray[Any]) -> tuple[float, Interval]:
+    total = float(below.sum())
+    value = float(above.sum()) / total if total else nan
+    return value, statistics.ratio_interval(above, below)
 
 
 def _goal_time_out_rate(episodes: Episodes) -> tuple[float, Interval]:
-    ended = int(episodes.goals.sum())
-    given_up = int(episodes.goals_timed_out.sum())
-    if given_up in (0, ended):
-        # All or none: no spread to be seen, so an interval would pretend to be certain.
-        return (given_up / ended if ended else nan), (nan, nan)
-    low, high = statistics.ratio_interval(episodes.goals_timed_out, episodes.goals)
-    return given_up / ended, (max(low, 0.0), min(high, 1.0))
+    value, (low, high) = _ratio(episodes.goals_timed_out, episodes.goals)
+    # All or none: no spread to be seen, so an interval would pretend to be certain.
+    spread = 0.0 < value < 1.0
+    return value, (max(low, 0.0), min(high, 1.0)) if spread else (nan, nan)
 
 
 METRICS = (
     Metric(
         "escape_rate",
         "success (paper)",
-        "",
         "share of episodes in which the ego's rear passed the front of every trap car before the "
         "episode ended; an accident later does not count against it",
         lambda episodes: _share(episodes.escaped),
@@ -77,7 +73,6 @@ METRICS = (
     Metric(
         "success_rate",
         "success",
-        "",
         "share of episodes in which the ego's rear passed the front of every trap car and no "
         "accident happened, not even later (stricter than the paper's)",
         lambda episodes: _share(episodes.success),
@@ -86,7 +81,6 @@ METRICS = (
     Metric(
         "accident_rate",
         "accidents",
-        "",
         "share of episodes with a collision, off the road, or come to a stop",
         lambda episodes: _share(episodes.accident != 0),
         rate=True,
@@ -94,7 +88,6 @@ METRICS = (
     Metric(
         "accumulated_reward",
         "reward",
-        "",
         "mean over episodes of the sum of the rewards at the end of each second; an accident adds "
         "its penalty once and ends the sum",
         lambda episodes: _mean(episodes.accumulated_reward),
@@ -103,35 +96,33 @@ METRICS = (
     Metric(
         "average_speed",
         "speed",
-        "m/s",
         "mean over episodes of the ego's mean speed",
         lambda episodes: _mean(episodes.average_speed),
+        unit="m/s",
     ),
     Metric(
         "travel_distance",
         "distance",
-        "m",
         "mean over episodes of the distance travelled along the road",
         lambda episodes: _mean(episodes.travel_distance),
+        unit="m",
     ),
     Metric(
         "reward_per_second",
         "reward/s",
-        "",
         "sum of all accumulated rewards over the sum of all durations",
-        _reward_per_second,
+        lambda episodes: _ratio(episodes.accumulated_reward, episodes.duration),
     ),
     Metric(
         "escape_time",
         "escape time",
-        "s",
         "mean time until the ego was first past the trap, over the episodes in which it ever was",
         lambda episodes: _mean(episodes.escape_time),
+        unit="s",
     ),
     Metric(
         "goal_time_out_rate",
         "goals given up",
-        "",
         "share of the goals that ended by being given up; 0 where they are renewed before that",
         _goal_time_out_rate,
         rate=True,

@@ -121,12 +121,8 @@ def _drive(
     filled = [*numbers, *[numbers[-1]] * (ceil(count / evaluator.BLOCK) * evaluator.BLOCK - count)]
 
     def driven(begin: int) -> Result:
-        block: Start = jax.tree.map(
-            lambda *values: np.asarray(
-                values, np.int32 if isinstance(values[0], int) else np.float32
-            ),
-            *filled[begin : begin + evaluator.BLOCK],
-        )
+        some = filled[begin : begin + evaluator.BLOCK]
+        block: Start = jax.tree.map(lambda *values: np.array(values), *some)
         worlds = _place(test, seed, first + begin, block)
         rules = evaluator.of_any_start(test)
         found: Result = jax.device_get(evaluator.drive_block(rules, parameters, worlds))

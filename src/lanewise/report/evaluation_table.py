@@ -63,8 +63,8 @@ def text(summaries: Sequence[Summary]) -> str:
 
 
 def _left_out(summaries: Sequence[Summary]) -> list[str]:
-    known = [summary for summary in summaries if summary.controller in PUBLISHED]
-    return tables.left_out({each.controller: each.unlike_paper for each in known})
+    unlike = [each for each in summaries if each.controller in PUBLISHED and each.unlike_paper]
+    return tables.left_out({each.controller: each.unlike_paper for each in unlike})
 
 
 def _rows(every: Sequence[Summary]) -> list[list[str]]:

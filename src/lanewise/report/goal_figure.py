@@ -1,7 +1,5 @@
 """The goals of an episode: which lane and speed were asked for, and what the ego made of them."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,23 +12,15 @@ from lanewise.report.figure_style import STYLES, Axes, Figure, Floats, Line2D, L
 EGO, GOAL = STYLES[0], STYLES[1]
 OUT: Look = {"color": style.MUTED, "linewidth": 1.0, "linestyle": (0, (1, 2))}
 WRECK: Look = {"marker": "X", "markersize": 9.0, "color": "black", "ls": "", "clip_on": False}
-SET: Look = {"marker": "|", "markersize": 9.0, "markeredgewidth": 1.3, "color": GOAL.colour}
-REACHED: Look = {"marker": "o", "markersize": 6.0, "markerfacecolor": "white", "color": "#00664B"}
-TIMED_OUT: Look = {"marker": "x", "markersize": 6.5, "markeredgewidth": 1.7, "color": "#D55E00"}
-"""Markers: a goal set, on the goal's line; reached or timed out, on the ego's."""
+MARKERS: dict[str, Look] = {
+    "set": {"marker": "|", "markersize": 9.0, "markeredgewidth": 1.3, "color": GOAL.colour},
+    "reached": {"marker": "o", "markersize": 6.0, "markerfacecolor": "white", "color": "#00664B"},
+    "timed out": {"marker": "x", "markersize": 6.5, "markeredgewidth": 1.7, "color": "#D55E00"},
+}
+"""By what became of a goal: set, on the goal's line; reached or timed out, on the ego's."""
 
-Indices = NDArray[np.int64]
-
-
-class _Events(NamedTuple):
-    """Frames of a recording at whose end a goal was set, found reached or given up.
-
-    That is the frame before the one in which the recording's counts and goal have changed.
-    """
-
-    set: Indices
-    reached: Indices
-    timed_out: Indices
+Events = dict[str, NDArray[np.int64]]
+"""By what became of goals, the frames at whose end it did."""
 
 
 @style.look()
@@ -62,13 +52,17 @@ def draw(recording: Recording) -> Figure:
     return figure
 
 
-def _events(recording: Recording) -> _Events:
-    """A goal set again unchanged, while the one before had not ended, leaves no trace."""
+def _events(recording: Recording) -> Events:
+    """The frames before those in which the recording's counts and goal have changed.
+
+    A goal set again unchanged, while the one before had not ended, leaves no trace.
+    """
     ended, timed_out = np.diff(recording.goals_ended), np.diff(recording.goals_timed_out)
     moved = (np.diff(recording.goal_lane) != 0) | (np.diff(recording.goal_speed) != 0.0)
     fresh = moved | (ended > 0)
     fresh[0] = True
-    return _Events(*map(np.flatnonzero, (fresh, ended > timed_out, timed_out > 0)))
+    found = {"set": fresh, "reached": ended > timed_out, "timed out": timed_out > 0}
+    return {name: np.flatnonzero(frames) for name, frames in found.items()}
 
 
 def _lanes(axes: Axes, recording: Recording) -> None:
@@ -86,14 +80,15 @@ def _lanes(axes: Axes, recording: Recording) -> None:
         axes.text(1.006, y, f"lane {number}", fontsize="small", color=style.MUTED, **place)
 
 
-def _track(axes: Axes, recording: Recording, goal: Floats, ego: Floats, found: _Events) -> None:
+def _track(axes: Axes, recording: Recording, goal: Floats, ego: Floats, found: Events) -> None:
     time = recording.time
     # The goal of a frame held throughout the decision that ended there.
     style.curve(axes, time, goal, GOAL, drawstyle="steps-pre", zorder=2)
-    axes.plot(time[found.set], goal[found.set + 1], linestyle="", zorder=3, **SET)
+    begun = found["set"]
+    axes.plot(time[begun], goal[begun + 1], linestyle="", zorder=3, **MARKERS["set"])
     style.curve(axes, time, ego, EGO, zorder=4)
-    for frames, marker in ((found.reached, REACHED), (found.timed_out, TIMED_OUT)):
-        axes.plot(time[frames], ego[frames], linestyle="", zorder=5, **marker)
+    for end in ("reached", "timed out"):
+        axes.plot(time[found[end]], ego[found[end]], linestyle="", zorder=5, **MARKERS[end])
     if recording.escaped.any():
         out = time[int(np.argmax(recording.escaped))]
         axes.axvline(out, zorder=1, **OUT)
@@ -101,15 +96,13 @@ def _track(axes: Axes, recording: Recording, goal: Floats, ego: Floats, found: _
         axes.plot(time[-1], ego[-1], **WRECK, zorder=6)
 
 
-def _key(recording: Recording, found: _Events) -> list[Line2D]:
+def _key(recording: Recording, found: Events) -> list[Line2D]:
     handles = [
         Line2D([], [], color=EGO.colour, linewidth=style.DRAWN, label="ego"),
         Line2D([], [], color=GOAL.colour, ls=GOAL.dashes, lw=style.DRAWN, label="goal"),
     ]
-    for event, frames, marker in zip(
-        _Events._fields, found, (SET, REACHED, TIMED_OUT), strict=True
-    ):
-        label = f"goal {event.replace('_', ' ')} ({len(frames)})"
+    for event, marker in MARKERS.items():
+        label = f"goal {event} ({len(found[event])})"
         handles.append(Line2D([], [], linestyle="", label=label, **marker))
     if recording.escaped.any():
         handles.append(Line2D([], [], label="out of the trap", **OUT))

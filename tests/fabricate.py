@@ -99,16 +99,18 @@ def make_training(lengths: tuple[int, ...] = (80, 60)) -> list[list[dict]]:
     return seeds
 
 
-def make_episodes(successes: int = 293, total: int = 300) -> Episodes:
-    rng = np.random.default_rng(1)
+def make_episodes(
+    successes: int = 293, total: int = 300, seed: int = 1, faster: float = 0.0
+) -> Episodes:
+    rng = np.random.default_rng(seed)
     success = np.arange(total) < successes
     accident = np.where(success, 0, 1 + np.arange(total) % 3).astype(np.int8)
     return Episodes(
         success=success,
         accident=accident,
-        accumulated_reward=13.0 + rng.normal(size=total),
-        average_speed=13.0 + 0.2 * rng.normal(size=total),
-        travel_distance=325.0 + 5.0 * rng.normal(size=total),
+        accumulated_reward=13.0 + faster + rng.normal(size=total),
+        average_speed=13.0 + faster + 0.2 * rng.normal(size=total),
+        travel_distance=325.0 + 25.0 * faster + 5.0 * rng.normal(size=total),
         duration=np.where(success, 25.0, 10.0),
         escape_time=np.where(success, 15.0 + rng.normal(size=total), np.nan),
         goals=np.full(total, 10, np.int64),
