@@ -3,12 +3,11 @@
 import dataclasses
 import math
 
-import numpy as np
 import pytest
 
 from fabricate import make_episodes
 from lanewise.errors import LanewiseError
-from lanewise.evaluation import comparison, metrics, statistics
+from lanewise.evaluation import statistics
 from lanewise.evaluation.aggregates import estimate, interquartile_mean
 from lanewise.evaluation.comparison import Entry, arm_members, compare
 
@@ -77,16 +76,6 @@ def test_without_repeated_seeds_nothing_is_said_about_arms():
     assert not found.has_seeds
     assert found.improvements == ()
     assert len(found.arms) == 3
-
-
-def test_compared_metrics_are_the_papers_and_our_success():
-    assert {*comparison.COMPARED} == {*metrics.PUBLISHED["hierarchical"], "success_rate"}
-    summary = metrics.summarise(EPISODES[0], controller="x", world="lanewise")
-    for name, outcome in comparison.COMPARED.items():
-        metric = next(metric for metric in metrics.METRICS if metric.name == name)
-        values = outcome(EPISODES[0])
-        assert summary.values[name] == pytest.approx(values.mean())
-        assert metric.rate == (values.dtype == np.bool_)
 
 
 def test_what_cannot_be_compared_is_refused():

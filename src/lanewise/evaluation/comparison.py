@@ -4,12 +4,10 @@ Runs that differ in their seed alone are the seeds of one arm. A difference betw
 of two trained controllers; only arms of several seeds speak of the way they were trained.
 """
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import metrics, statistics
@@ -20,20 +18,13 @@ from lanewise.evaluation.aggregates import (
     probability_of_improvement,
 )
 from lanewise.evaluation.episodes import Episodes
-from lanewise.evaluation.metrics import Summary
+from lanewise.evaluation.metrics import METRICS, PUBLISHED, Summary
 from lanewise.evaluation.statistics import MeanDifference, RateDifference
 
 Difference = MeanDifference | RateDifference
 
-COMPARED: Mapping[str, Callable[[Episodes], NDArray[Any]]] = {
-    "escape_rate": lambda episodes: episodes.escaped,
-    "success_rate": lambda episodes: episodes.success,
-    "accident_rate": lambda episodes: episodes.accident != 0,
-    "accumulated_reward": lambda episodes: episodes.accumulated_reward,
-    "average_speed": lambda episodes: episodes.average_speed,
-    "travel_distance": lambda episodes: episodes.travel_distance,
-}
-"""The paper's metrics and our success, by name: a value for every episode, bool for a rate."""
+COMPARED = tuple(m for m in METRICS if m.name in (*PUBLISHED["hierarchical"], "success_rate"))
+"""The paper's metrics and our success."""
 FEWER_IS_BETTER = ("accident_rate",)
 """The others count as better the more they are, speed and distance too, as in the paper."""
 
@@ -137,16 +128,14 @@ def arm_members(runs: Sequence[Entry]) -> list[tuple[int, ...]]:
 
 def _differences(first: Episodes, other: Episodes) -> dict[str, Difference]:
     found: dict[str, Difference] = {}
-    for name, outcomes in COMPARED.items():
-        before, after = outcomes(first), outcomes(other)
-        is_rate = before.dtype == np.bool_
-        compare = statistics.rate_difference if is_rate else statistics.mean_difference
-        found[name] = compare(before, after)
+    for metric in COMPARED:
+        compare = statistics.rate_difference if metric.rate else statistics.mean_difference
+        found[metric.name] = compare(metric.outcomes(first), metric.outcomes(other))
     return found
 
 
 def _arm(runs: Sequence[Entry], summaries: Sequence[Summary], numbers: tuple[int, ...]) -> Arm:
-    values = {name: tuple(summaries[n].values[name] for n in numbers) for name in COMPARED}
+    values = {m.name: tuple(summaries[n].values[m.name] for n in numbers) for m in COMPARED}
     return Arm(
         runs[numbers[0]].controller,
         numbers,
@@ -166,7 +155,7 @@ def _improvements(arms: Sequence[Arm]) -> tuple[Improvement, ...]:
 
 def _probability(arm: Arm, over: Arm) -> dict[str, Estimate]:
     found = {}
-    for name in COMPARED:
+    for name in arm.values:
         sign = -1.0 if name in FEWER_IS_BETTER else 1.0
         scores, others = (sign * np.asarray(side.values[name]) for side in (arm, over))
         found[name] = estimate(probability_of_improvement, scores, others)

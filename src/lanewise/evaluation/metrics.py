@@ -27,14 +27,24 @@ class Metric:
     title: str
     """Short name for people."""
     meaning: str
-    compute: Callable[[Episodes], tuple[float, Interval]]
-    """Value and 95 % interval of a set of episodes; NaN where there is none."""
+    outcomes: Callable[[Episodes], NDArray[Any]]
+    """[E] what it is the mean of, bool for a share, NaN where an episode says nothing; or what a
+    ratio of sums has above."""
+    below: Callable[[Episodes], NDArray[Any]] | None = None
+    """[E] what a ratio of sums has below."""
     unit: str = ""
     """Unit of the stored value; empty for plain numbers, and for rates, which are fractions."""
     counted: str = ""
     """How often what it sums is counted; shown in place of a unit."""
     rate: bool = False
     """Is it a share, stored as a fraction of 1 and shown in percent?"""
+
+    def compute(self, episodes: Episodes) -> tuple[float, Interval]:
+        """Value and 95 % interval of a set of episodes; NaN where there is none."""
+        values = self.outcomes(episodes)
+        if self.below is not None:
+            return _ratio(values, self.below(episodes), share=self.rate)
+        return _share(values) if self.rate else _mean(values)
 
 
 def _share(happened: NDArray[np.bool_]) -> tuple[float, Interval]:
@@ -48,17 +58,14 @@ def _mean(values: NDArray[np.float64]) -> tuple[float, Interval]:
     return value, statistics.mean_interval(known)
 
 
-def _ratio(above: NDArray[Any], below: NDArray[Any]) -> tuple[float, Interval]:
+def _ratio(above: NDArray[Any], below: NDArray[Any], *, share: bool) -> tuple[float, Interval]:
     total = float(below.sum())
     value = float(above.sum()) / total if total else nan
-    return value, statistics.ratio_interval(above, below)
-
-
-def _goal_time_out_rate(episodes: Episodes) -> tuple[float, Interval]:
-    value, (low, high) = _ratio(episodes.goals_timed_out, episodes.goals)
+    low, high = statistics.ratio_interval(above, below)
+    if not share:
+        return value, (low, high)
     # All or none: no spread to be seen, so an interval would pretend to be certain.
-    spread = 0.0 < value < 1.0
-    return value, (max(low, 0.0), min(high, 1.0)) if spread else (nan, nan)
+    return value, (max(low, 0.0), min(high, 1.0)) if 0.0 < value < 1.0 else (nan, nan)
 
 
 METRICS = (
@@ -67,7 +74,7 @@ METRICS = (
         "success (paper)",
         "share of episodes in which the ego's rear passed the front of every trap car before the "
         "episode ended; an accident later does not count against it",
-        lambda episodes: _share(episodes.escaped),
+        lambda episodes: episodes.escaped,
         rate=True,
     ),
     Metric(
@@ -75,14 +82,14 @@ METRICS = (
         "success",
         "share of episodes in which the ego's rear passed the front of every trap car and no "
         "accident happened, not even later (stricter than the paper's)",
-        lambda episodes: _share(episodes.success),
+        lambda episodes: episodes.success,
         rate=True,
     ),
     Metric(
         "accident_rate",
         "accidents",
         "share of episodes with a collision, off the road, or come to a stop",
-        lambda episodes: _share(episodes.accident != 0),
+        lambda episodes: episodes.accident != 0,
         rate=True,
     ),
     Metric(
@@ -90,41 +97,43 @@ METRICS = (
         "reward",
         "mean over episodes of the sum of the rewards at the end of each second; an accident adds "
         "its penalty once and ends the sum",
-        lambda episodes: _mean(episodes.accumulated_reward),
+        lambda episodes: episodes.accumulated_reward,
         counted="1 a second",
     ),
     Metric(
         "average_speed",
         "speed",
         "mean over episodes of the ego's mean speed",
-        lambda episodes: _mean(episodes.average_speed),
+        lambda episodes: episodes.average_speed,
         unit="m/s",
     ),
     Metric(
         "travel_distance",
         "distance",
         "mean over episodes of the distance travelled along the road",
-        lambda episodes: _mean(episodes.travel_distance),
+        lambda episodes: episodes.travel_distance,
         unit="m",
     ),
     Metric(
         "reward_per_second",
         "reward/s",
         "sum of all accumulated rewards over the sum of all durations",
-        lambda episodes: _ratio(episodes.accumulated_reward, episodes.duration),
+        lambda episodes: episodes.accumulated_reward,
+        lambda episodes: episodes.duration,
     ),
     Metric(
         "escape_time",
         "escape time",
         "mean time until the ego was first past the trap, over the episodes in which it ever was",
-        lambda episodes: _mean(episodes.escape_time),
+        lambda episodes: episodes.escape_time,
         unit="s",
     ),
     Metric(
         "goal_time_out_rate",
         "goals given up",
         "share of the goals that ended by being given up; 0 where they are renewed before that",
-        _goal_time_out_rate,
+        lambda episodes: episodes.goals_timed_out,
+        lambda episodes: episodes.goals,
         rate=True,
     ),
 )

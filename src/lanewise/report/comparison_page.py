@@ -11,7 +11,7 @@ from typing import Any
 from lanewise.errors import one_line
 from lanewise.evaluation.aggregates import Estimate
 from lanewise.evaluation.comparison import COMPARED, FEWER_IS_BETTER, Comparison, Difference
-from lanewise.evaluation.metrics import METRICS, Metric
+from lanewise.evaluation.metrics import Metric
 from lanewise.evaluation.statistics import RateDifference
 from lanewise.fields.ranges import show
 from lanewise.report import tables
@@ -20,10 +20,8 @@ from lanewise.report.markup import cell, code
 from lanewise.report.provenance import commits, source, versions
 from lanewise.report.tables import bounds, number, unit
 
-SHOWN = tuple(metric for metric in METRICS if metric.name in COMPARED)
-"""Columns: shares of episodes, then means over them."""
 COLUMNS = 3
-"""In a table for a terminal; more would be wider than 80 columns."""
+"""Metrics in a table for a terminal; more would be wider than 80 columns."""
 PAIRED_NOTE = (
     "Differences are over the same starts; for shares, +n -m counts the starts that",
     "only this run, and only A, had; p is McNemar's exact one, of one comparison.",
@@ -54,7 +52,7 @@ class ComparisonPage:
 
 
 Section = tuple[str, Sequence[str], Sequence[Sequence[str]]]
-"""A table's title, what stands below the titles of `SHOWN`, and rows: a label, then a cell for each
+"""A table's title, what stands below the metrics' titles, and rows: a label, then a cell for each
 metric, with a value and below it what belongs to it."""
 
 
@@ -68,9 +66,9 @@ def text(page: ComparisonPage) -> str:
     parts = ["\n".join(one_line(line) for line in runs + _arms(page.comparison)), _test(page) + "."]
     for title, units, rows in _sections(page.comparison):
         blocks = [title]
-        for first in range(0, len(SHOWN), COLUMNS):
+        for first in range(0, len(COMPARED), COLUMNS):
             some = slice(first, first + COLUMNS)
-            heads = [["", *(metric.title for metric in SHOWN[some])], ["", *units[some]]]
+            heads = [["", *(metric.title for metric in COMPARED[some])], ["", *units[some]]]
             blocks.append(tables.text(heads, [[label, *cells[some]] for label, *cells in rows]))
         parts.append("\n".join(blocks))
     parts.append("\n".join(["Settings that differ", *map(one_line, _settings(page))]))
@@ -86,7 +84,7 @@ def markdown(page: ComparisonPage) -> str:
     arms = [f"- {cell(line)}" for line in _arms(page.comparison)]
     parts = ["# Comparison of runs", "\n".join(runs + arms), cell(_test(page)) + "."]
     for section, units, rows in _sections(page.comparison):
-        titles = zip((metric.title for metric in SHOWN), units, strict=True)
+        titles = zip((metric.title for metric in COMPARED), units, strict=True)
         heads = ["", *(cell(", ".join(filter(None, head))) for head in titles)]
         shown = [[label, *map(_on_one_line, cells)] for label, *cells in rows]
         parts += [f"## {cell(section)}", tables.markdown(heads, shown)]
@@ -149,13 +147,13 @@ def _letter(index: int) -> str:
 
 def _sections(comparison: Comparison) -> list[Section]:
     """The tables: runs, differences to the first, and over seeds where an arm has several."""
-    units = [unit(metric) for metric in SHOWN]
+    units = [unit(metric) for metric in COMPARED]
     runs = [
-        [_letter(i), *(tables.with_interval(m, each).replace(" (", "\n(") for m in SHOWN)]
+        [_letter(i), *(tables.with_interval(m, each).replace(" (", "\n(") for m in COMPARED)]
         for i, each in enumerate(comparison.summaries)
     ]
     differences = [
-        [_letter(i), *(_difference(metric, found[metric.name]) for metric in SHOWN)]
+        [_letter(i), *(_difference(metric, found[metric.name]) for metric in COMPARED)]
         for i, found in enumerate(comparison.differences, 1)
     ]
     found: list[Section] = [
@@ -165,14 +163,14 @@ def _sections(comparison: Comparison) -> list[Section]:
     if not comparison.has_seeds:
         return found
     means = [
-        [str(i), *(tables.estimated(m, arm.interquartile_mean[m.name], "\n") for m in SHOWN)]
+        [str(i), *(tables.estimated(m, arm.interquartile_mean[m.name], "\n") for m in COMPARED)]
         for i, arm in enumerate(comparison.arms, 1)
     ]
     found.append(("Interquartile mean over the seeds of an arm", units, means))
-    ways = ["fewer" if metric.name in FEWER_IS_BETTER else "more" for metric in SHOWN]
+    ways = ["fewer" if metric.name in FEWER_IS_BETTER else "more" for metric in COMPARED]
     for over in range(len(comparison.arms) - 1):
         chances = [
-            [str(each.arm + 1), *(tables.chance(each.probability[m.name], "\n") for m in SHOWN)]
+            [str(each.arm + 1), *(tables.chance(each.probability[m.name], "\n") for m in COMPARED)]
             for each in comparison.improvements
             if each.over == over
         ]
