@@ -66,20 +66,15 @@ class Layer(NamedTuple):
         return Layer(*(values[states] for values in self))  # type: ignore[arg-type]
 
 
-class Reached(NamedTuple):
-    """The layers of a search, from the start on."""
-
-    layers: list[Layer]
-    whole: bool
-    """Whether nothing was left out; a whole set holds no escape, or it would have been narrowed."""
-
-
-def search(config: ReachabilityConfig, world: World, width: int | None) -> Reached:
+def search(config: ReachabilityConfig, world: World, width: int | None) -> tuple[list[Layer], bool]:
     """The reachable set from ``world`` up to the duration, or until nothing is left.
 
     ``width`` states are kept after each decision. None keeps all, until one has escaped or they
     are more than `MOST_STATES`: then the start is not shown to be unwinnable, and what remains is
     to bring an escape to its end.
+
+    Returns:
+        (the layers, from the start on; whether nothing was left out: then they hold no escape).
     """
     vehicles = world.vehicles
     ego = [np.asarray(of)[:1] for of in (vehicles.x, vehicles.y, vehicles.heading, vehicles.speed)]
@@ -94,7 +89,7 @@ def search(config: ReachabilityConfig, world: World, width: int | None) -> Reach
         layers.append(_chosen(config, world, spread, width))
         if not len(spread.egos):
             break
-    return Reached(layers, whole)
+    return layers, whole
 
 
 def _spread(config: ReachabilityConfig, world: World, before: Layer) -> Layer:

@@ -17,7 +17,7 @@ from lanewise.driving import actions, episode
 from lanewise.driving.episode import Episode
 from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation import escapes
-from lanewise.evaluation.escapes import ReachabilityConfig, Reached
+from lanewise.evaluation.escapes import Layer, ReachabilityConfig
 from lanewise.scenario.trap import Start
 from lanewise.system import pinned
 from lanewise.world.state import World
@@ -58,14 +58,12 @@ def judge(
             return Verdict(True, escape, 0)
     world = escapes.begin(config, start)
     for width in escapes.WIDTHS:
-        escape = _confirmed(config, start, escapes.search(config, world, width))
-        if escape:
+        layers, _ = escapes.search(config, world, width)
+        if escape := _confirmed(config, start, layers):
             return Verdict(True, escape, 0)
-    reached = escapes.search(config, world, None)
-    states = sum(len(layer.egos) for layer in reached.layers[1:])
-    if reached.whole:
-        return Verdict(False, (), states)
-    return Verdict(True, _confirmed(config, start, reached), states)
+    layers, whole = escapes.search(config, world, None)
+    states = sum(len(layer.egos) for layer in layers[1:])
+    return Verdict(not whole, () if whole else _confirmed(config, start, layers), states)
 
 
 def replay(
@@ -101,9 +99,10 @@ def _replay(driving: DrivingSettings, world: World, sequences: Array) -> Array:
     return jax.vmap(drive)(sequences)
 
 
-def _confirmed(config: ReachabilityConfig, start: Start, reached: Reached) -> tuple[int, ...]:
+def _confirmed(
+    config: ReachabilityConfig, start: Start, layers: Sequence[Layer]
+) -> tuple[int, ...]:
     """The actions that led to the first escaped state of the last layer, if they hold."""
-    layers = reached.layers
     won = np.flatnonzero(layers[-1].escaped)
     if len(layers) <= config.duration or not len(won):
         return ()

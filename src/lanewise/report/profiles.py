@@ -1,7 +1,6 @@
 """The paper's profiles: speed, instant and accumulated reward over the first timesteps."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,20 +21,6 @@ PANELS = (
 """Field of a profile, and label."""
 
 
-@dataclass(frozen=True)
-class _Profile:
-    """One controller's recordings after each decision, [episodes, times]; unknown is NaN."""
-
-    time: Floats
-    speed: Floats
-    reward: Floats
-    """Of the decision that ended there, unless that is the start or an accident."""
-    accumulated_reward: Floats
-    """One reward a second; after an accident it stays, penalty included."""
-    accidents: Sequence[tuple[float, float, float]]
-    """(time, speed, accumulated reward) of each."""
-
-
 @style.look()
 def draw(arms: Arms) -> Figure:
     """The arms' profiles.
@@ -51,23 +36,23 @@ def draw(arms: Arms) -> Figure:
     if not arms:
         raise LanewiseError("there is no recording to draw")
     looks = style.styles(arms)
-    profiles = {title: _profile(title, runs) for title, runs in arms.items()}
+    times = {title: _times(title, runs) for title, runs in arms.items()}
     figure = Figure(figsize=(style.WIDTH, 6.4), layout="constrained")
     panels = style.panels(figure, len(PANELS))
     for axes, (name, label) in zip(panels, PANELS, strict=True):
-        for title, one in profiles.items():
-            _arm(axes, one, name, looks[title])
+        for title, runs in arms.items():
+            _arm(axes, runs, times[title], name, looks[title])
         axes.set_ylabel(label)
     panels[-1].set_xlabel("time, timesteps of 1 s")
     handles = style.keys(arms, looks, "episode", "band: middle 80 % of episodes")
-    if any(one.accidents for one in profiles.values()):
+    if any(_accidents(runs, times[title]) for title, runs in arms.items()):
         handles.append(Line2D([], [], label="accident ends an episode", **_cross("0.2")))
     style.legend(figure, handles)
     return figure
 
 
-def _profile(title: str, recordings: Sequence[Recording]) -> _Profile:
-    """An arm's recordings side by side, as far as the shortest without an accident goes."""
+def _times(title: str, recordings: Sequence[Recording]) -> Floats:
+    """The times of an arm's profile, as far as its shortest recording without an accident goes."""
     if not recordings:
         raise LanewiseError(f"{title}: there is no recording to draw")
     whole = [recording for recording in recordings if not recording.accident]
@@ -78,48 +63,41 @@ def _profile(title: str, recordings: Sequence[Recording]) -> _Profile:
         common = min(len(time), len(recording.time))
         if not np.allclose(recording.time[:common], time[:common]):
             raise LanewiseError(f"{title}: recordings with different decision rates")
-    accidents = [
-        (float(run.time[-1]), float(run.speed[-1, 0]), float(run.accumulated_reward[-1]))
-        for run in recordings
-        if run.accident and run.time[-1] <= time[-1] + 1e-9
-    ]
-    count, sums = len(time), [run.accumulated_reward for run in recordings]
-    return _Profile(
-        time,
-        np.stack([_padded(run.speed[:, 0], count, np.nan) for run in recordings]),
-        np.stack([_padded(_instant(run), count, np.nan) for run in recordings]),
-        np.stack([_padded(each, count, each[-1]) for each in sums]),
-        accidents,
-    )
+    return time
 
 
-def _instant(recording: Recording) -> Floats:
-    """Rewards of driving: neither the start, where there was none, nor an accident's penalty."""
-    reward = recording.reward.copy()
-    reward[0] = np.nan
-    if recording.accident:
-        reward[-1] = np.nan
-    return reward
+def _accidents(recordings: Sequence[Recording], time: Floats) -> list[Recording]:
+    """Those that end in an accident within the profile."""
+    return [run for run in recordings if run.accident and run.time[-1] <= time[-1] + 1e-9]
 
 
-def _padded(values: Floats, length: int, rest: float) -> Floats:
-    return np.concatenate([values[:length], np.full(max(length - len(values), 0), rest)])
+def _profile(run: Recording, name: str, count: int) -> Floats:
+    """A field of a recording at the first so many times; unknown is NaN."""
+    values = run.speed[:, 0] if name == "speed" else getattr(run, name).copy()
+    if name == "reward":
+        # Of driving: neither the start, where there was none, nor an accident's penalty.
+        values[0] = np.nan
+        if run.accident:
+            values[-1] = np.nan
+    # The sum stays after an accident, penalty included.
+    rest = values[-1] if name == "accumulated_reward" else np.nan
+    return np.concatenate([values[:count], np.full(max(count - len(values), 0), rest)])
 
 
-def _arm(axes: Axes, one: _Profile, name: str, own: Style) -> None:
-    table: Floats = getattr(one, name)
+def _arm(axes: Axes, runs: Sequence[Recording], time: Floats, name: str, own: Style) -> None:
+    table = np.stack([_profile(run, name, len(time)) for run in runs])
     known = ~np.isnan(table).all(axis=0)  # not at the start, nor where nobody drives any more
-    time, table = one.time[known], table[:, known]
+    x, table = time[known], table[:, known]
     # One reward a second: between two of them the sum stands still.
     steps = "steps-post" if name == "accumulated_reward" else "default"
     if len(table) > 1:
         low, high = np.nanquantile(table, QUANTILES, axis=0)
-        style.band(axes, time, low, high, own, stepped=steps == "steps-post")
-    style.curve(axes, time, np.nanmean(table, axis=0), own, drawstyle=steps)
-    for when, speed, accumulated in one.accidents:
-        height = {"speed": speed, "accumulated_reward": accumulated}.get(name)
-        if height is not None:
-            axes.plot(when, height, **_cross(own.colour))
+        style.band(axes, x, low, high, own, stepped=steps == "steps-post")
+    style.curve(axes, x, np.nanmean(table, axis=0), own, drawstyle=steps)
+    if name != "reward":
+        for run in _accidents(runs, time):
+            end = _profile(run, name, len(run.time))[-1]
+            axes.plot(run.time[-1], end, **_cross(own.colour))
 
 
 def _cross(colour: str) -> Look:
