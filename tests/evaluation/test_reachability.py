@@ -10,9 +10,9 @@ import pytest
 
 from lanewise.driving import actions, episode
 from lanewise.driving.settings import DrivingSettings
-from lanewise.evaluation import escapes, reachability, sweep
-from lanewise.evaluation.escapes import ReachabilityConfig
+from lanewise.evaluation import reachability, sweep
 from lanewise.evaluation.grid import Grid
+from lanewise.evaluation.reachability import ReachabilityConfig
 from lanewise.interop.highway_env import build_env, read_world
 from lanewise.scenario.settings import TrapSettings
 from lanewise.scenario.trap import Start
@@ -57,7 +57,7 @@ def test_an_escape_holds_in_the_real_highway_env(paper):
     threaded = reachability.judge(COURSE, THREADED)
     for it, chosen in ((PAPER, paper.actions), (THREADED, threaded.actions)):
         assert len(chosen) == 50
-        env = build_env(jax.device_get(escapes.begin(COURSE, it)))
+        env = build_env(jax.device_get(reachability.begin(COURSE, it)))
         past = False
         for action in chosen:
             env.step(action)
@@ -91,7 +91,7 @@ def test_a_hopeless_start_ends_in_an_accident_whatever_is_done():
         alive = ~after.outcome.terminated[:count]
         return jax.tree.map(lambda leaf: leaf[:count][alive], after)
 
-    state = episode.begin(escapes.begin(COURSE, HOPELESS))
+    state = episode.begin(reachability.begin(COURSE, HOPELESS))
     states = jax.tree.map(lambda leaf: np.asarray(leaf)[None], state)
     driven = decisions = 0
     while len(states.start_x):
@@ -157,8 +157,8 @@ def test_a_known_escape_is_enough(paper):
 
 
 def test_a_search_given_up_does_not_call_a_start_unwinnable(monkeypatch):
-    monkeypatch.setattr(escapes, "WIDTHS", (1,))
-    monkeypatch.setattr(escapes, "MOST_STATES", 10)
+    monkeypatch.setattr(reachability, "WIDTHS", (1,))
+    monkeypatch.setattr(reachability, "MOST_STATES", 10)
     verdict = reachability.judge(COURSE, HOPELESS)
     assert verdict.winnable
     assert not verdict.decided
@@ -167,7 +167,7 @@ def test_a_search_given_up_does_not_call_a_start_unwinnable(monkeypatch):
 def test_the_searchs_ticks_are_the_worlds():
     """Moving and hitting is all a tick does among the trap cars: same bits, crashes included."""
     rng, count = np.random.default_rng(0), 300
-    world = escapes.begin(COURSE, start(10.0, 8.0, 15.0, 5.0))
+    world = reachability.begin(COURSE, start(10.0, 8.0, 15.0, 5.0))
     lowest, highest = np.array([[0.0, -2.5, -0.5, 5.0], [20.0, 7.0, 0.5, 15.0]])
     egos = rng.uniform(lowest, highest, (count, 4)).astype(np.float32)
     chosen = rng.integers(0, 9, count).astype(np.int32)
@@ -187,7 +187,7 @@ def test_the_searchs_ticks_are_the_worlds():
 
     driven = jax.device_get([theirs(*each) for each in zip(egos, chosen, strict=True)])
     moved, hit = map(np.stack, zip(*driven, strict=True))
-    ours, alive, _ = jax.device_get(escapes._step_all(DRIVING, world, egos))
+    ours, alive, _ = jax.device_get(reachability._step_all(DRIVING, world, egos))
     ours, alive = (of[np.arange(count), chosen] for of in (ours, alive))
     np.testing.assert_allclose(ours, moved, rtol=2e-6, atol=1e-6)
     assert 0 < hit.sum() < count

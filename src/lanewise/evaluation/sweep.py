@@ -15,10 +15,11 @@ from jax import Array
 
 from lanewise.controllers.controller import Parameters
 from lanewise.driving.settings import DrivingSettings
-from lanewise.evaluation import concurrent, escapes, evaluator, reachability
+from lanewise.evaluation import concurrent, evaluator, reachability
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.evaluator import EvaluationConfig, Result
 from lanewise.evaluation.grid import CAUSES, Grid, Point, PointResult, Reach
+from lanewise.evaluation.reachability import ReachabilityConfig
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
 from lanewise.scenario.trap import Start
@@ -58,7 +59,7 @@ def reach(
         known: escapes found before.
     """
     lanes = max((point.lanes for point in points), default=2)
-    strict = escapes.ReachabilityConfig(scenario, driving, lanes, duration)
+    strict = ReachabilityConfig(scenario, driving, lanes, duration)
     wide = replace(strict, clearance=clearance)
     pool: dict[Escape, None] = {tuple(map(int, escape)): None for escape in known if escape}
     for point in points:
