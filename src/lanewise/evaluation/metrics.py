@@ -292,10 +292,13 @@ def from_csv(text: str) -> Episodes:
     """Read back what `to_csv` made."""
     head, *rows = csv.reader(text.splitlines())
     cells = dict(zip(head, zip(*rows, strict=True), strict=True))
-    numbers = {name: np.array([float(cell or nan) for cell in cells[name]]) for name in _NUMBERS}
-    whole = {name: numbers[name].astype(np.int64) for name in ("goals", "goals_timed_out")}
+    numbers: dict[str, Any] = {
+        name: np.array([float(cell or nan) for cell in cells[name]]) for name in _NUMBERS
+    }
+    for name in ("goals", "goals_timed_out"):
+        numbers[name] = numbers[name].astype(np.int64)
     return Episodes(
         success=np.array([cell == "1" for cell in cells["success"]]),
         accident=np.array([ACCIDENTS.index(cell) for cell in cells["accident"]], np.int8),
-        **numbers | whole,
+        **numbers,
     )

@@ -250,10 +250,11 @@ def _urgency(world: World, layer: Layer) -> NDArray[np.float64]:
 @pinned.jit(static_argnums=0)
 def begin(config: ReachabilityConfig, start: Start) -> World:
     """The trap alone, whatever the traffic of ``start``, its cars grown by the clearance."""
-    nobody = {"vehicles_ahead": 0, "vehicles_behind": 0}
-    scenario = replace(config.scenario, traffic=replace(config.scenario.traffic, **nobody))
+    traffic = replace(config.scenario.traffic, vehicles_ahead=0, vehicles_behind=0)
+    scenario = replace(config.scenario, traffic=traffic)
+    alone = replace(start, vehicles_ahead=0, vehicles_behind=0)
     # Only traffic is drawn, and there is none: any key will do.
-    world = trap.place(scenario, replace(start, **nobody), pinned.key(0), config.lanes)
+    world = trap.place(scenario, alone, pinned.key(0), config.lanes)
     grown = 2.0 * config.clearance * jnp.asarray([0.0, 1.0, 1.0])
     drivers = world.drivers
     return replace(

@@ -183,8 +183,9 @@ def recording(
     world, stats = states.world, states.stats
     vehicles, drivers, road = world.vehicles, world.drivers, world.road
     lanes, nothing = road.present[0], np.zeros(len(states.start_x))
+    frames = np.arange(len(nothing))
     # The goal under way in the first frame is the one that its decision sets.
-    under_way = np.arange(len(nothing)).clip(1).clip(max=len(nothing) - 1)
+    under_way = np.maximum(frames, min(1, frames[-1]))
     goal_lane = nothing - 1 if goals is None else np.asarray(goals.goal.lane)
     goal_speed = nothing * np.nan if goals is None else np.asarray(goals.goal.speed)
     return Recording(
