@@ -58,7 +58,7 @@ def _times(title: str, recordings: Sequence[Recording]) -> Floats:
     whole = [recording for recording in recordings if not recording.accident]
     longest = max(recordings, key=lambda recording: len(recording.time))
     limit = min((run.time[-1] for run in whole), default=longest.time[-1])
-    time = longest.time[longest.time <= limit + 1e-9]
+    time: Floats = longest.time[longest.time <= limit + 1e-9]
     for recording in recordings:
         common = min(len(time), len(recording.time))
         if not np.allclose(recording.time[:common], time[:common]):
