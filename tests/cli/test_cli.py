@@ -40,7 +40,7 @@ def inside(tmp_path, monkeypatch):
         ([*TRAIN, "--trap-speed", "9"], "did you mean --scenario.trap-speed?"),
         ([*TRAIN, "--out", ""], "--out: expected a path, got nothing"),
         ([*TRAIN, "--resume=yes"], "--resume: ignored explicit argument"),
-        ([*TRAIN, "--resume"], "no run in run: looked for run/run.json"),
+        ([*TRAIN, "--resume"], "no run in run to continue; leave out --resume to begin one"),
         (
             [*TRAIN, "--scenario.trap-speed", "--seed", "1"],
             "--scenario.trap-speed: expected one argument",

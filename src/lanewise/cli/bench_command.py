@@ -28,7 +28,7 @@ class Bench:
     them by default, which takes about twenty minutes on 2 cores."""
     seconds: Annotated[float, Between(0.1, 3600.0, "s")] = 5.0
     """Length of each measurement."""
-    json: bool = field(default=False, metadata={"switch": True})
+    json: bool = False
     """Print one JSON object instead of tables."""
     out: Path | None = None
     """Also write the JSON object to this file, which must not exist."""

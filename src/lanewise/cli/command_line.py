@@ -77,6 +77,15 @@ class Option:
             return "{" + ",".join(self.type.bound.names) + "}"
         return self.label if self.positional else self.type.type.__name__.upper()
 
+    @property
+    def usage(self) -> str:
+        """Its place in the usage line; empty for an option that may be left out."""
+        required = self.default is MISSING
+        if not self.positional:
+            return f"{self.label} PATH" if required else ""
+        several = f"{self.label} ..." if self.type.length is not None else self.label
+        return several if required else f"[{several}]"
+
     def add_to(self, parser: Any) -> None:
         """Lets argparse find its words, and show its help."""
         names = [self.name] if self.positional else [flag_of(self.name)]
@@ -186,10 +195,9 @@ def _normalise(command: type, word: str, known: set[str]) -> str:
 
 @cache
 def _parser(command: type) -> _Parser:
-    required = [each for each in options_of(command).values() if each.default is MISSING]
-    usage = (each.label if each.positional else f"{each.label} PATH" for each in required)
+    usage = " ".join(each.usage for each in options_of(command).values() if each.usage)
     parser = _Parser(
-        usage=f"lanewise {command.__name__.lower()} [OPTIONS] {' '.join(usage)}",
+        usage=f"lanewise {command.__name__.lower()} [OPTIONS] {usage}".rstrip(),
         description=inspect.getdoc(command),
         formatter_class=_Formatter,
         allow_abbrev=False,

@@ -36,7 +36,7 @@ class Sweep:
     """
 
     run: Path = field(metadata={"positional": True})
-    """Run folder of a trained controller."""
+    """Run folder of a trained controller, or pretrained/NAME."""
     out: Path
     """Folder for the map: new or empty, or one this command was stopped in."""
     episodes: Annotated[int, Between(1, 100_000)] = 20

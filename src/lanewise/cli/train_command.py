@@ -18,7 +18,7 @@ class Train:
     """Train a controller into a run folder, or continue a run that was stopped.
 
     Settings come from the defaults, the preset, the trap, the settings file and the command
-    line; the later wins. Defaults are those of preset quick; "row N" is that of the table in
+    line; later ones win. Defaults are those of preset quick; "row N" is that of the table in
     docs/paper.md.
     """
 
@@ -38,8 +38,8 @@ class Train:
     """A run whose finished step 1 is taken over: a hierarchical controller then trains step 2
     alone."""
     tensorboard: bool = False
-    """Also write TensorBoard's events, into the folder tensorboard of the run; a run that has some
-    goes on with them."""
+    """Also write TensorBoard's events, into the folder tensorboard of the run. A resumed run that
+    has them continues them."""
     preset: Annotated[str, OneOf(tuple(PRESETS))] = "quick"
     """Training preset."""
     trap: Annotated[str, OneOf(tuple(TRAPS))] = "trap-10"
@@ -75,7 +75,7 @@ def run(parsed: Parsed[Train]) -> int:
             lender, events = command.high_level, command.tensorboard
             training_loop.train(folder, plan, reporter, high_level=lender, tensorboard=events)
         test = shell_line("lanewise", "evaluate", folder.path)
-        tell(f"finished: {folder.path}; {test} tests it")
+        tell(f"finished: {folder.path}; test it with: {test}")
     return 0
 
 

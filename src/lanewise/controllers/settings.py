@@ -32,8 +32,8 @@ class GoalSettings:
     """When the goal is renewed in step 2 (row 22a); where a high level learns, the critic holds
     it."""
     test_renewal: Annotated[str, OneOf(RENEWALS)] = "timestep"
-    """When the hierarchical controller's goal is renewed in tests (row 22b); the critic holds those
-    of the others."""
+    """When the hierarchical controller's goal is renewed in tests (row 22b). The critic holds the
+    goals of other controllers."""
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,8 @@ class DrivingSettings:
     simulation_frequency: Annotated[int, Between(1, 100, "Hz")] = 10
     """Ticks a second."""
     decision_frequency: Annotated[int, Between(1, 50, "Hz")] = 2
-    """Low-level decisions a second, or more: a decision lasts floor(simulation/decision) ticks."""
+    """Low-level decisions a second. A decision lasts floor(simulation/decision) ticks, so there
+    may be more."""
     stopped_speed: Annotated[float, Between(0.0, 10.0, "m/s")] = 0.1
     """Slower than this counts as having come to a stop, an accident."""
     actions: ActionSettings = field(default_factory=ActionSettings)

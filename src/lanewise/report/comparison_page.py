@@ -24,15 +24,16 @@ COLUMNS = 3
 """Metrics in a table for a terminal; more would be wider than 80 columns."""
 PAIRED_NOTE = (
     "Differences are over the same starts; for shares, +n -m counts the starts that",
-    "only this run, and only A, had; p is McNemar's exact one, of one comparison.",
-    "They speak of these controllers; only several seeds speak of how they were made.",
+    "only this run, and only A, had; p is McNemar's exact p-value, not corrected for",
+    "many comparisons. They describe these controllers only: to compare ways of",
+    "training, give several seeds of each.",
 )
 SEEDS_NOTE = (
     "Interquartile mean: a quarter of the seeds left out at either end, rounded down.",
     "P(better): a new seed of this arm beats one of the other; a tie counts one half.",
-    "Their 95 % intervals are stratified bootstrap ones over seeds, none where there",
-    "is no spread. They are too narrow for few seeds: for the interquartile mean",
-    "91 of 100 hold with 5 seeds, 76 with 3, 50 with 2, and fewer for P near 0 or 1.",
+    "Their 95 % intervals are stratified bootstrap intervals over seeds; where there is",
+    "no spread, there is none. They are too narrow for few seeds: for the interquartile",
+    "mean 91 of 100 hold with 5 seeds, 76 with 3, 50 with 2; for P near 0 or 1 fewer.",
 )
 """As measured in `tests/evaluation/test_aggregates.py`."""
 

@@ -144,7 +144,10 @@ class RunFolder:
         Raises:
             RunError: there is no run, it is in use, or was made with something else.
         """
-        folder = cls.open(_name_of(path))
+        name = _name_of(path)
+        if not os.path.lexists(name / "run.json"):
+            raise RunError(f"no run in {name} to continue; leave out --resume to begin one")
+        folder = cls.open(name)
         if controller is not None and controller != folder.controller:
             raise RunError(f"{folder.path} trains {folder.controller}, not {controller}")
         if seed is not None and seed != folder.seed:

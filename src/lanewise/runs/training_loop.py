@@ -68,7 +68,7 @@ def train(
     folder.check_parts(plan.task.names())
     if run_state.is_finished(folder):
         test = shell_line("lanewise", "evaluate", folder.path)
-        raise RunError(f"{folder.path} is finished; {test} tests it")
+        raise RunError(f"{folder.path} is finished; test it with: {test}")
     if warning := folder.other_code():
         reporter.note(warning)
     if high_level is not None:

@@ -36,7 +36,7 @@ class LevelSettings:
     """Learner updates per environment step (decision), over all worlds together (row 17)."""
     discount_across_goal: Annotated[str, OneOf(("per-goal", "per-decision"))] = "per-goal"
     """Row 14: gamma once per choice with the rewards inside it summed, or gamma^k after k decisions
-    with the rewards inside it discounted. A choice lasts a goal for the high level."""
+    with the rewards inside it discounted. A choice of the high level lasts as long as its goal."""
     returns: Annotated[int, Between(1, 64)] = 1
     """n of n-step returns: choices whose rewards are summed before the value of the state after
     them."""
@@ -54,7 +54,7 @@ class LevelSettings:
     goal_reward: Annotated[float, Between(0.0, 1000.0)] = 0.0
     """Reward for the decision that reaches the goal (h-DQN), meant for the low level."""
     goal_end: Annotated[str, OneOf(("bootstrap", "terminal"))] = "bootstrap"
-    """What a reached goal is to the level below it: a step like any other, or an end (h-DQN)."""
+    """What reaching its goal means to the level below: a step like any other, or an end (h-DQN)."""
     exploration: ExplorationSettings = field(default_factory=ExplorationSettings)
     """Exploration."""
     learner: LearnerSettings = field(default_factory=LearnerSettings)
