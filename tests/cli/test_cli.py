@@ -169,7 +169,20 @@ def test_help_lists_every_setting_with_text_default_and_range(capsys):
     expected = "Speed of both trap cars, all episode long. [between 0.5 and 40 m/s] (default: 10.0)"
     assert expected in output
     assert "{previous-goal,current-state}" in output
-    assert "usage: lanewise train [OPTIONS] " in output
+
+
+@pytest.mark.parametrize(
+    "usage",
+    [
+        "train [OPTIONS] CONTROLLER --out PATH",
+        "compare [OPTIONS] RUNS ...",
+        "bench [OPTIONS] [PARTS ...]",
+        "doctor [OPTIONS]",
+    ],
+)
+def test_usage_shows_what_is_required_and_what_may_be_several(usage, capsys):
+    assert main([usage.split()[0], "--help"]) == 0
+    assert capsys.readouterr().out.splitlines()[0] == f"usage: lanewise {usage}"
 
 
 def test_no_setting_is_without_help():
