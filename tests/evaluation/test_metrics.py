@@ -71,6 +71,10 @@ def test_a_success_of_ours_is_an_escape_without_an_accident_and_the_papers_any_e
     assert found.intervals["escape_rate"] == pytest.approx((0.1941, 0.9937), abs=1e-4)
 
 
+def test_episodes_are_shown_by_their_fields_instead_of_their_numbers():
+    assert repr(first(4)).startswith("Episodes(4 of success, accident, ")
+
+
 def test_json_round_trip(summary):
     stored = json.loads(json.dumps(summary.to_json(), allow_nan=False))
     assert metrics.Summary.from_json(stored) == summary

@@ -118,7 +118,7 @@ def test_a_signal_within_a_chunk_waits_for_its_end(tmp_path, whole, monkeypatch,
         patch.setattr(trainer, "_validate", interrupted)
         with pytest.raises(KeyboardInterrupt):
             small_runs.train(folder, reporter)
-    assert reporter.notes == ["stopping: this chunk is finished and saved first"]
+    assert reporter.notes == ["stopping once this chunk is finished and saved"]
     assert [p.name for p in folder.checkpoints.glob("*.json")] == ["stage-00-chunk-00000002.json"]
     assert signal.getsignal(number) is before
     resume(path)

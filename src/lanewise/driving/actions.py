@@ -69,7 +69,7 @@ def checked(given: Any, count: int, shape: tuple[int, ...], wanted: str) -> NDAr
         found = np.asarray(given)
     except Exception as error:  # A ragged list, or a tensor of another device.
         reason = str(error).strip().partition("\n")[0]
-        raise ActionError(f"{wanted}, got what is no array: {brief(reason)}") from error
+        raise ActionError(f"{wanted}, got something that is no array: {brief(reason)}") from error
     if found.shape != shape:
         raise ActionError(f"{wanted}, got {brief(given)} of shape {found.shape}")
     if not are_numbers(found.dtype, count):
@@ -79,7 +79,7 @@ def checked(given: Any, count: int, shape: tuple[int, ...], wanted: str) -> NDAr
         narrow = found if count else found.astype(np.float32)
     exist = (narrow >= 0) & (narrow < count) if count else np.abs(narrow) <= 1.0
     if not exist.all():
-        raise ActionError(f"{wanted}, got {brief(found[~exist].flat[0])}")
+        raise ActionError(f"{wanted}, got {found[~exist].flat[0].item()}")
     return narrow.astype(np.int32 if count else np.float32)
 
 

@@ -38,6 +38,9 @@ class Episodes:
     def __len__(self) -> int:
         return len(self.success)
 
+    def __repr__(self) -> str:
+        return f"Episodes({len(self)} of {', '.join(self.__dataclass_fields__)})"
+
     @property
     def escaped(self) -> NDArray[np.bool_]:
         """[E] the paper's success: past every trap car at some time, whatever happened later."""
@@ -91,3 +94,6 @@ class Recording:
     """[T] has the ego been past the trap by then."""
     accident: int
     """Index into `ACCIDENTS`."""
+
+    def __repr__(self) -> str:
+        return f"Recording({len(self.time)} frames of {', '.join(self.__dataclass_fields__)})"

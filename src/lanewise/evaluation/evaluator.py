@@ -139,7 +139,7 @@ def _check_numbers(result: Result) -> None:
         if not finite.all():
             raise NumbersError(
                 f"{what} is not finite in {np.sum(~finite)} of {len(finite)} episodes, first in "
-                f"episode {np.argmin(finite)}: mend the function that observes, rewards or "
+                f"episode {np.argmin(finite)}: correct the function that observes, rewards or "
                 "makes the start"
             )
 

@@ -156,7 +156,8 @@ class RunFolder:
         if difference:
             raise RunError(
                 f"{folder.path} was made with other settings: there {difference}\n"
-                "  --resume without any settings takes those of the run"
+                "  --resume without settings uses the run's own; if you give some, the others are "
+                "defaults"
             )
         if folder.compiler != (switches := compiler_switches()):
             made, now = (", ".join(given) or "none" for given in (folder.compiler, switches))

@@ -116,7 +116,7 @@ class _Training:
         reporter.stage(stage.name, 1.0, stage.fraction(progress.counters))
         saved = time.monotonic()
         # Within a chunk state and metrics do not fit together, and cannot be saved.
-        hear = partial(reporter.note, "stopping: this chunk is finished and saved first")
+        hear = partial(reporter.note, "stopping once this chunk is finished and saved")
         with process.Interrupts(hear) as interrupts:
             while not stage.finished(progress.counters):
                 began = time.monotonic()
