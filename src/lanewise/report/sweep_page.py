@@ -124,9 +124,9 @@ def _page(sweep: SweepResult, document: Mapping[str, Any], captions: Mapping[str
         "In parentheses exact 95 % intervals of the pooled episodes. Success is to get past the "
         "trap without an accident, not even later; the paper's success forgives a later accident. "
         "A start is winnable if some sequence of the nine actions escapes without an accident "
-        "within the test, other traffic left out. It is winnable with clearance if one of them also "
-        f"stays {sweep.clearance:g} m away from the trap cars. Starts for which this is undecided: "
-        f"{document['undecided_starts']}; they count as winnable.",
+        "within the test, other traffic left out. It is winnable with clearance if one of them "
+        f"also stays {sweep.clearance:g} m away from the trap cars. Starts for which this is "
+        f"undecided: {document['undecided_starts']}; they count as winnable.",
         *(f"![Success and accidents, {caption}]({name}.png)" for name, caption in captions.items()),
         "## Where it does worst",
         _worst(sweep.cells),
