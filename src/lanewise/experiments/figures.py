@@ -73,9 +73,9 @@ def _curves(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Figure]]:
     if both:
         caption = (
             "Training, exploration included: the paper's success and ours, reward and speed over "
-            "episodes, mean and spread over seeds (the paper's training figure). Arms whose "
-            "episodes last differently long (`duration` in their settings) differ in reward an "
-            "episode for that alone"
+            "episodes, mean and spread over seeds (the paper's training figure). If arms "
+            "differ in the length of their episodes (`duration` in their settings), their rewards "
+            "an episode differ for that alone"
         )
         rows, settled = _training(both, lambda result: result.arm.name)
         yield Drawn("training", caption), training_curves.draw(rows, settled=settled)

@@ -17,7 +17,7 @@ _QUOTED = re.compile(r"`(\*?[a-z_]*(?:\.[a-z_]+)+)`")
 HEADS = ("#", "the paper", "here", "literal or other reading", "why")
 STAR = (
     "`*` stands for every stage and level that learns: `single_level`, `high_level`, `low_level`, "
-    "and `h_dqn` with its two levels."
+    'and `h_dqn` with its two levels. Rows that begin with "stated" are no gaps in the paper.'
 )
 UNUSED = "not used here"
 

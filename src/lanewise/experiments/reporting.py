@@ -182,8 +182,8 @@ def _over_seeds_note(held: str | None) -> str:
     if held is None:
         return note
     return (
-        f"{note} Beside them how likely a seed of an arm beats one of *{cell(held)}*, ties "
-        "counting half; its intervals hold in as few as 62 of 100 cases where it is near 0 or 1."
+        f"{note} P is the probability that a seed of an arm beats one of *{cell(held)}*; a tie "
+        "counts half. Its intervals hold in as few as 62 of 100 cases where it is near 0 or 1."
     )
 
 

@@ -78,7 +78,7 @@ class SelectedWeights:
             if abs(kept - last) > OUTLIER:
                 yield (
                     f"{what} {100 * kept:.1f} % with the kept weights, {100 * last:.1f} % with the "
-                    f"last ones: what is kept is not what {self.stage} came to"
+                    f"last ones: {self.stage} ended with other behaviour than it kept"
                 )
         kept = line["kept_success_rate"]
         if self.chosen_for is not None and abs(kept - self.chosen_for) > TOLERANCE:
