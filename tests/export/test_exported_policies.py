@@ -4,7 +4,6 @@ import json
 import shutil
 import subprocess
 import sys
-import zipfile
 from dataclasses import replace
 from functools import cache
 
@@ -221,73 +220,39 @@ def test_wrong_inputs_are_refused(files, features, ego, says):
         policy.act(np.zeros((3, 26)), EGO)
 
 
-def altered(path, place, change):
-    """The file with an array, or a field of what it says of itself, changed; None leaves it out."""
-    with np.load(path) as file:
-        arrays = {name: file[name] for name in file.files}
-    if isinstance(place, tuple):
-        about = json.loads(str(arrays["about"]))
-        *places, name = place
-        inner = about
-        for each in places:
-            inner = inner[each]
-        inner[name] = change
-        arrays["about"] = np.asarray(json.dumps(about))
-    else:
-        arrays[place] = change(arrays[place]) if callable(change) else change
-    np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
-
-
 @pytest.mark.parametrize(
-    ("case", "place", "change", "says"),
+    ("place", "change", "says"),
     [
-        ("planned", "about", None, "lacks 'about'"),
-        ("planned", "about", "[]", "indices must be"),
-        ("planned", "about", "no JSON", "Expecting value"),
-        ("planned", "about", np.zeros(3, np.float32), "Expecting"),
-        ("planned", ("version",), 2, "version 2, written by lanewise '"),
-        ("planned", ("memory",), "all", "unknown memory type"),
-        ("planned", ("goals", "lifetime"), "long", "ufunc"),
-        ("planned", ("goals", "moves"), [[0, 0]], "chooses among 5, not 1"),
-        ("planned", ("levels",), {"low_level": 2}, "lacks 'high_level'"),
-        ("planned", ("levels", "high_level"), 10**9, "lacks 'high_level/2/weights'"),
-        ("planned", "planner/trims", lambda a: a[1:], "candidates do not fit"),
-        ("planned", "planner/turns", np.zeros((1, 10**6), np.float32), "candidates do not fit"),
-        ("planned", "planner/turns", lambda a: a.astype(str), "turns is of another type"),
-        ("hierarchical", "low_level/0/weights", None, "lacks 'low_level/0/weights'"),
-        ("hierarchical", "low_level/0/weights", lambda a: a[1:], "layer 0 does not fit"),
-        ("hierarchical", "low_level/0/biases", lambda a: a[:, None], "layer 0 does not fit"),
-        ("hierarchical", "high_level/1/biases", lambda a: a * np.nan, "or not finite"),
-        ("hierarchical", "high_level/1/biases", np.array([{}], object), "Object arrays"),
+        ("about", None, "is no .*lacks 'about'"),
+        ("about", "no JSON", "is no .*Expecting value"),
+        (
+            "about",
+            '{"format": "lanewise-policy", "version": 2}',
+            "has .* version 2, written",
+        ),
+        ("low_level/0/weights", None, "is no .*lacks 'low_level/0/weights'"),
+        ("low_level/0/weights", np.zeros((27, 32), np.float32), "is no .*mismatch"),
+        ("low_level/0/biases", np.array([{}], object), "is no .*Object arrays"),
     ],
-)  # fmt: skip
-def test_an_altered_file_is_refused(files, tmp_path, case, place, change, says):
-    path = shutil.copy(files / f"{case}.npz", tmp_path / "altered.npz")
-    altered(path, place, change)
-    with pytest.raises(numpy_policy.PolicyError, match=f"altered.npz (is no|has) .*{says}"):
+)
+def test_an_altered_file_is_refused(files, tmp_path, place, change, says):
+    path = tmp_path / "altered.npz"
+    with np.load(files / "hierarchical.npz") as file:
+        arrays = dict(file) | {place: change}
+    np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
+    with pytest.raises(numpy_policy.PolicyError, match=rf"altered\.npz {says}"):
         load(path)
 
 
 def test_other_files_are_refused(files, tmp_path, monkeypatch):
     path = tmp_path / "other.npz"
-    about = zipfile.ZipFile(files / "planned.npz").read("about.npy")
     for data in (b"", b"text", (files / "planned.npz").read_bytes()[:-200]):
         path.write_bytes(data)
         with pytest.raises(ValueError, match="is no policy"):
             load(path)
-    for method, count, says in (
-        (zipfile.ZIP_DEFLATED, 1, "is compressed"),
-        (zipfile.ZIP_STORED, 501, "more than .* 500 arrays"),
-    ):
-        with zipfile.ZipFile(path, "w", method) as archive:
-            for number in range(count):
-                archive.writestr(f"{number}.npy", about)
-        with pytest.raises(ValueError, match=says):
-            load(path)
-    # It is not read to its end.
     monkeypatch.setattr(numpy_policy, "LARGEST", 1000)
-    with pytest.raises(ValueError, match="more than 1000 bytes"):
-        load(path)
+    with pytest.raises(ValueError, match="of at most 1000 bytes"):
+        load(files / "planned.npz")
 
 
 def test_a_wrong_policy_is_noticed():
