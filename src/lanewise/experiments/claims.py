@@ -8,7 +8,7 @@ Success is the paper's here: the ego's rear bumper passes the front of all trap 
 episode ends, whether or not an accident follows.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,7 +37,6 @@ MARGIN = 0.5
 class Seed:
     """One seed of an experiment: both controllers, and the other arms there are."""
 
-    seed: int
     hierarchical: Evidence
     single_level: Evidence
     explorers: Sequence[Evidence] = ()
@@ -66,242 +65,206 @@ class Claim:
         return "depends" if any(self.seeds) else "fails"
 
 
+@dataclass(frozen=True)
+class PaperClaim:
+    """Something the paper says, and how a seed supports it."""
+
+    text: str
+    measure: Callable[[Any], tuple[Any, ...]]
+    """The measures of a `Seed` that it rests on."""
+    holds: Callable[..., bool]
+    """Whether it holds for a seed with these measures."""
+    figures: Callable[..., str]
+    """The same measures in words, each a sequence over the seeds."""
+    needs: str = "hierarchical"
+    """The field of a seed without which there is no evidence."""
+
+
 def ledger(seeds: Sequence[Seed]) -> list[Claim]:
     """Every claim there is evidence for, each over the seeds that have it; none without a seed."""
     found = []
-    for claim in CLAIMS:
-        needed = _NEEDS.get(claim)
-        asked = [seed for seed in seeds if needed is None or getattr(seed, needed)]
-        if asked:
-            found.append(claim(asked))
+    for claim in CLAIMS.values():
+        measured = [claim.measure(seed) for seed in seeds if getattr(seed, claim.needs)]
+        if measured:
+            holds = tuple(bool(claim.holds(*each)) for each in measured)
+            found.append(Claim(claim.text, holds, claim.figures(*zip(*measured, strict=True))))
     return found
 
 
-def _early_escapes(seeds: Sequence[Seed]) -> Claim:
-    pairs = [(s.hierarchical.early_success, s.single_level.early_success) for s in seeds]
-    return Claim(
-        'While exploring, both controllers "exhibited tendencies to escape"',
-        tuple(ours > 0 and flat > 0 for ours, flat in pairs),
-        f"success until epsilon settles, in the first {EXPLORING} episodes at least: "
-        f"{_both(pairs)}",
-    )
+def _all_above(*pairs: tuple[float, float]) -> bool:
+    """Is the first of each pair larger?"""
+    return all(one > other for one, other in pairs)
 
 
-def _flat_stops(seeds: Sequence[Seed]) -> Claim:
-    early = [s.single_level.early_success for s in seeds]
-    late = [s.single_level.late("success") for s in seeds]
-    return Claim(
-        'As its exploration falls, the flat controller shows "a minimal probability of escaping"',
-        tuple(rate <= RARELY for rate in late),
-        f"single-level success in the last {TRAINING_WINDOW} training episodes {_percent(late)}, "
-        f"while exploring {_percent(early)}; {100 * RARELY:.0f} % at most is minimal",
-    )
-
-
-def _above_h_dqn(seeds: Sequence[Seed]) -> Claim:
-    found = [
-        [(s.hierarchical.late(name), s.h_dqn.late(name)) for name in MEASURES]
-        for s in seeds
-        if s.h_dqn is not None
-    ]
-    return Claim(
-        'The hierarchical controller has a "higher likelihood" of escaping, "higher average '
-        'rewards" and a "higher average speed" than h-DQN in training',
-        tuple(all(ours > other for ours, other in pairs) for pairs in found),
-        f"means of the last {TRAINING_WINDOW} training episodes, mean over seeds, reward a "
-        f"decision: {_against(found)}",
-    )
-
-
-def _flat_is_steady(seeds: Sequence[Seed]) -> Claim:
-    spreads = [
-        [s.single_level.relative_spread(name) for name in ("speed", "reward")] for s in seeds
-    ]
-    return Claim(
-        'The flat controller has "nearly constant average speed and reward in each episode"',
-        tuple(max(pair) <= STEADY for pair in spreads),
-        f"standard deviation over mean of the last {TRAINING_WINDOW} training episodes, nearly "
-        f"constant up to {100 * STEADY:.0f} %: speed {_percent([pair[0] for pair in spreads])}, "
-        f"reward a decision {_percent([pair[1] for pair in spreads])}",
-    )
-
-
-def _near_target(seeds: Sequence[Seed]) -> Claim:
-    speeds = [s.hierarchical.final_speed for s in seeds]
-    escaped = [bool(s.hierarchical.drive.escaped[-1]) for s in seeds]
-    return Claim(
-        'The hierarchical controller comes to "closely approach the target speed of 15m/s after '
-        'overtaking"',
-        tuple(
-            out and abs(speed - TARGET_SPEED) <= NEAR
-            for out, speed in zip(escaped, speeds, strict=True)
-        ),
-        f"mean speed in the last {ENDING:.0f} s of a drive: {_numbers(speeds)} m/s, "
-        f"{sum(escaped)} of {len(seeds)} drives past the trap; within {NEAR:.0f} m/s is close",
-    )
-
-
-def _varies_more(seeds: Sequence[Seed]) -> Claim:
-    spreads = [
-        [(s.hierarchical.spread(name), s.single_level.spread(name)) for name in MEASURES]
-        for s in seeds
-    ]
-    return Claim(
-        'The hierarchical controller shows "greater variance in all of the evaluation criteria"',
-        tuple(all(ours > flat for ours, flat in pairs) for pairs in spreads),
-        f"standard deviation over the last {TRAINING_WINDOW} training episodes, mean over seeds: "
-        f"{_against(spreads)}",
-    )
-
-
-def _exploring_more(seeds: Sequence[Seed]) -> Claim:
-    rates = [max(more.late("success") for more in s.explorers) for s in seeds]
-    flat = [s.single_level.late("success") for s in seeds]
-    tested = [max(more.test_rate for more in s.explorers) for s in seeds]
-    return Claim(
-        'More initial exploration brings the flat controller "no significant enhancement"',
-        tuple(more <= base + RARELY for more, base in zip(rates, flat, strict=True)),
-        f"success in the last {TRAINING_WINDOW} training episodes: {_percent(flat)} without, "
-        f"{_percent(rates)} for the better of the schedules; up to {100 * RARELY:.0f} points more "
-        f"are no enhancement. In tests, with the weights kept: {_percent(tested)}",
-    )
-
-
-def _keeps_improving(seeds: Sequence[Seed]) -> Claim:
-    settled = [s.hierarchical.around("success") for s in seeds]
-    late = [s.hierarchical.late("success") for s in seeds]
-    return Claim(
-        'The hierarchical controller "continued to show enhancements even when the exploration '
-        'value stabilized"',
-        tuple(b > a for a, b in zip(settled, late, strict=True)),
-        f"success in {TRAINING_WINDOW} training episodes: {_percent(settled)} when exploration "
-        f"had ended, {_percent(late)} at the end",
-    )
-
-
-def _earns_more(seeds: Sequence[Seed]) -> Claim:
-    found = [(s.hierarchical.rewards_at(LATER), s.single_level.rewards_at(LATER)) for s in seeds]
-    return Claim(
-        'By t = 9 s the hierarchical controller has "higher immediate and accumulated rewards"',
-        tuple(all(a > b for a, b in zip(ours, flat, strict=True)) for ours, flat in found),
-        "instant and accumulated reward, mean over seeds: hierarchical "
-        f"{_numbers(np.mean([ours for ours, _ in found], axis=0))}, single-level "
-        f"{_numbers(np.mean([flat for _, flat in found], axis=0))}",
-    )
-
-
-def _slows_more(seeds: Sequence[Seed]) -> Claim:
-    lowest = [(s.hierarchical.lowest_speed, s.single_level.lowest_speed) for s in seeds]
-    return Claim(
-        "In the first 5 timesteps the speed reduction of the hierarchical controller is "
-        '"more substantial"',
-        tuple(ours < flat for ours, flat in lowest),
-        "lowest speed: hierarchical "
-        f"{_numbers([p[0] for p in lowest])}, single-level {_numbers([p[1] for p in lowest])} m/s",
-    )
-
-
-def _backs_off(seeds: Sequence[Seed]) -> Claim:
-    """Both start at one speed, so whoever slows down falls back."""
-    gaps = [s.single_level.gap for s in seeds]
-    return Claim(
-        'The flat controller slows down "to maintain a safe following distance", then speeds up '
-        '"to minimize the gap"',
-        tuple(g.max() > g[0] + MARGIN and g[-1] < g.max() - MARGIN for g in gaps),
-        f"gap to the trap car ahead: {_numbers([g[0] for g in gaps])} m at the start, at most "
-        f"{_numbers([g.max() for g in gaps])}, {_numbers([g[-1] for g in gaps])} at the end",
-    )
-
-
-def _escapes(seeds: Sequence[Seed]) -> Claim:
-    rates = [(s.hierarchical.test_rate, s.single_level.test_rate) for s in seeds]
-    return Claim(
-        "In tests the hierarchical controller escapes (97.67 %) and the flat one does not (0 %)",
-        tuple(ours > MOSTLY and flat <= RARELY for ours, flat in rates),
-        _both(rates),
-    )
-
-
-def _more_accidents(seeds: Sequence[Seed]) -> Claim:
-    rates = [(s.hierarchical.test_accidents, s.single_level.test_accidents) for s in seeds]
-    return Claim(
-        'The flat controller has "better performance in terms of the accident rate"',
-        tuple(ours > flat for ours, flat in rates),
-        f"in tests: {_both(rates)}",
-    )
-
-
-def _two_steps(seeds: Sequence[Seed]) -> Claim:
-    pairs = [
-        ((two.test_rate, two.test_reward), (one.test_rate, one.test_reward))
-        for two, one in ((s.hierarchical, s.one_step) for s in seeds)
-        if one is not None
-    ]
-    (success, reward), (success_of_one, reward_of_one) = (
-        zip(*arm, strict=True) for arm in zip(*pairs, strict=True)
-    )
-    return Claim(
-        'Two steps are needed "to enhance the controller\'s effectiveness"',
-        tuple(_better(two, one) for two, one in pairs),
-        f"in tests, two steps against one: success {_percent(success)} against "
-        f"{_percent(success_of_one)}, reward {np.mean(reward):.2f} against "
-        f"{np.mean(reward_of_one):.2f}; better is by more than {100 * MORE_SUCCESS:.0f} points or "
-        f"{MORE_REWARD:.1f}, and in neither worse by as much",
-    )
-
-
-Make = Callable[[Sequence[Seed]], Claim]
-
-CLAIMS: tuple[Make, ...] = (
-    _early_escapes,
-    _flat_stops,
-    _above_h_dqn,
-    _flat_is_steady,
-    _near_target,
-    _varies_more,
-    _exploring_more,
-    _keeps_improving,
-    _earns_more,
-    _slows_more,
-    _backs_off,
-    _escapes,
-    _more_accidents,
-    _two_steps,
-)
-"""Every claim, in the order of the paper's experiments; its second contribution last."""
-
-_NEEDS: Mapping[Make, str] = {
-    _above_h_dqn: "h_dqn",
-    _exploring_more: "explorers",
-    _two_steps: "one_step",
-}
-"""The field of a seed without which a claim has no evidence."""
-
-
-def _better(one: tuple[float, float], other: tuple[float, float]) -> bool:
-    """Is one (success, reward) better than another by more than the margins, and never worse?"""
-    success = (one[0] - other[0]) / MORE_SUCCESS
-    reward = (one[1] - other[1]) / MORE_REWARD
-    return max(success, reward) > 1 and min(success, reward) >= -1
+def _better(success: float, reward: float, other_success: float, other_reward: float) -> bool:
+    """Is one better than another by more than a margin, and worse by none?"""
+    gains = (success - other_success) / MORE_SUCCESS, (reward - other_reward) / MORE_REWARD
+    return max(gains) > 1 and min(gains) >= -1
 
 
 def _percent(shares: Sequence[float]) -> str:
     return f"{100 * np.mean(shares):.1f} % ({100 * min(shares):.1f} to {100 * max(shares):.1f})"
 
 
-def _both(rates: Sequence[tuple[float, ...]]) -> str:
-    """Rates of the hierarchical and the single-level controller, by seed."""
-    ours, flat = zip(*rates, strict=True)
+def _both(ours: Sequence[float], flat: Sequence[float]) -> str:
     return f"hierarchical {_percent(ours)}, single-level {_percent(flat)}"
 
 
-def _against(seeds: Sequence[Sequence[tuple[float, float]]]) -> str:
-    """Pairs of each measure, by seed."""
+def _against(*measures: Sequence[tuple[float, float]]) -> str:
+    """Pairs of each measure, mean over seeds."""
+    means = (np.mean(pairs, axis=0) for pairs in measures)
     return ", ".join(
         f"{name} {ours:.2g} against {other:.2g}"
-        for name, (ours, other) in zip(MEASURES, np.mean(np.array(seeds), axis=0), strict=True)
+        for name, (ours, other) in zip(MEASURES, means, strict=True)
     )
 
 
 def _numbers(values: Any) -> str:
     return ", ".join(f"{value:.2f}" for value in values)
+
+
+CLAIMS = {
+    "early escapes": PaperClaim(
+        'While exploring, both controllers "exhibited tendencies to escape"',
+        lambda seed: (seed.hierarchical.early_success, seed.single_level.early_success),
+        lambda ours, flat: ours > 0 and flat > 0,
+        lambda ours, flat: (
+            f"success until epsilon settles, in the first {EXPLORING} episodes at least: "
+            f"{_both(ours, flat)}"
+        ),
+    ),
+    "flat stops": PaperClaim(
+        'As its exploration falls, the flat controller shows "a minimal probability of escaping"',
+        lambda seed: (seed.single_level.early_success, seed.single_level.late("success")),
+        lambda early, late: late <= RARELY,
+        lambda early, late: (
+            f"single-level success in the last {TRAINING_WINDOW} training episodes "
+            f"{_percent(late)}, while exploring {_percent(early)}; {100 * RARELY:.0f} % at most is "
+            "minimal"
+        ),
+    ),
+    "above h-DQN": PaperClaim(
+        'The hierarchical controller has a "higher likelihood" of escaping, "higher average '
+        'rewards" and a "higher average speed" than h-DQN in training',
+        lambda seed: tuple((seed.hierarchical.late(m), seed.h_dqn.late(m)) for m in MEASURES),
+        _all_above,
+        lambda *pairs: (
+            f"means of the last {TRAINING_WINDOW} training episodes, mean over seeds, reward a "
+            f"decision: {_against(*pairs)}"
+        ),
+        needs="h_dqn",
+    ),
+    "flat is steady": PaperClaim(
+        'The flat controller has "nearly constant average speed and reward in each episode"',
+        lambda seed: tuple(seed.single_level.relative_spread(m) for m in ("speed", "reward")),
+        lambda speed, reward: max(speed, reward) <= STEADY,
+        lambda speed, reward: (
+            f"standard deviation over mean of the last {TRAINING_WINDOW} training episodes, nearly "
+            f"constant up to {100 * STEADY:.0f} %: speed {_percent(speed)}, reward a decision "
+            f"{_percent(reward)}"
+        ),
+    ),
+    "near the target": PaperClaim(
+        'The hierarchical controller comes to "closely approach the target speed of 15m/s after '
+        'overtaking"',
+        lambda seed: (seed.hierarchical.final_speed, seed.hierarchical.drive.escaped[-1]),
+        lambda speed, escaped: escaped and abs(speed - TARGET_SPEED) <= NEAR,
+        lambda speeds, escaped: (
+            f"mean speed in the last {ENDING:.0f} s of a drive: {_numbers(speeds)} m/s, "
+            f"{sum(escaped)} of {len(escaped)} drives past the trap; within {NEAR:.0f} m/s is close"
+        ),
+    ),
+    "varies more": PaperClaim(
+        'The hierarchical controller shows "greater variance in all of the evaluation criteria"',
+        lambda seed: tuple(
+            (seed.hierarchical.spread(m), seed.single_level.spread(m)) for m in MEASURES
+        ),
+        _all_above,
+        lambda *pairs: (
+            f"standard deviation over the last {TRAINING_WINDOW} training episodes, mean over "
+            f"seeds: {_against(*pairs)}"
+        ),
+    ),
+    "exploring more": PaperClaim(
+        'More initial exploration brings the flat controller "no significant enhancement"',
+        lambda seed: (
+            seed.single_level.late("success"),
+            max(more.late("success") for more in seed.explorers),
+            max(more.test_rate for more in seed.explorers),
+        ),
+        lambda flat, more, tested: more <= flat + RARELY,
+        lambda flat, more, tested: (
+            f"success in the last {TRAINING_WINDOW} training episodes: {_percent(flat)} without, "
+            f"{_percent(more)} for the better of the schedules; up to {100 * RARELY:.0f} points "
+            f"more are no enhancement. In tests, with the weights kept: {_percent(tested)}"
+        ),
+        needs="explorers",
+    ),
+    "keeps improving": PaperClaim(
+        'The hierarchical controller "continued to show enhancements even when the exploration '
+        'value stabilized"',
+        lambda seed: (seed.hierarchical.around("success"), seed.hierarchical.late("success")),
+        lambda settled, late: late > settled,
+        lambda settled, late: (
+            f"success in {TRAINING_WINDOW} training episodes: {_percent(settled)} when exploration "
+            f"had ended, {_percent(late)} at the end"
+        ),
+    ),
+    "earns more": PaperClaim(
+        'By t = 9 s the hierarchical controller has "higher immediate and accumulated rewards"',
+        lambda seed: (seed.hierarchical.rewards_at(LATER), seed.single_level.rewards_at(LATER)),
+        lambda ours, flat: _all_above(*zip(ours, flat, strict=True)),
+        lambda ours, flat: (
+            "instant and accumulated reward, mean over seeds: hierarchical "
+            f"{_numbers(np.mean(ours, axis=0))}, single-level {_numbers(np.mean(flat, axis=0))}"
+        ),
+    ),
+    "slows more": PaperClaim(
+        "In the first 5 timesteps the speed reduction of the hierarchical controller is "
+        '"more substantial"',
+        lambda seed: (seed.hierarchical.lowest_speed, seed.single_level.lowest_speed),
+        lambda ours, flat: ours < flat,
+        lambda ours, flat: (
+            f"lowest speed: hierarchical {_numbers(ours)}, single-level {_numbers(flat)} m/s"
+        ),
+    ),
+    # Both start at one speed, so whoever slows down falls back.
+    "backs off": PaperClaim(
+        'The flat controller slows down "to maintain a safe following distance", then speeds up '
+        '"to minimize the gap"',
+        lambda seed: seed.single_level.gaps,
+        lambda first, most, last: most > first + MARGIN and last < most - MARGIN,
+        lambda first, most, last: (
+            f"gap to the trap car ahead: {_numbers(first)} m at the start, at most "
+            f"{_numbers(most)}, {_numbers(last)} at the end"
+        ),
+    ),
+    "escapes": PaperClaim(
+        "In tests the hierarchical controller escapes (97.67 %) and the flat one does not (0 %)",
+        lambda seed: (seed.hierarchical.test_rate, seed.single_level.test_rate),
+        lambda ours, flat: ours > MOSTLY and flat <= RARELY,
+        _both,
+    ),
+    "more accidents": PaperClaim(
+        'The flat controller has "better performance in terms of the accident rate"',
+        lambda seed: (seed.hierarchical.test_accidents, seed.single_level.test_accidents),
+        lambda ours, flat: ours > flat,
+        lambda ours, flat: f"in tests: {_both(ours, flat)}",
+    ),
+    "two steps": PaperClaim(
+        'Two steps are needed "to enhance the controller\'s effectiveness"',
+        lambda seed: (
+            *(seed.hierarchical.test_rate, seed.hierarchical.test_reward),
+            *(seed.one_step.test_rate, seed.one_step.test_reward),
+        ),
+        _better,
+        lambda success, reward, success_of_one, reward_of_one: (
+            f"in tests, two steps against one: success {_percent(success)} against "
+            f"{_percent(success_of_one)}, reward {np.mean(reward):.2f} against "
+            f"{np.mean(reward_of_one):.2f}; better is by more than {100 * MORE_SUCCESS:.0f} points "
+            f"or {MORE_REWARD:.1f}, and in neither worse by as much"
+        ),
+        needs="one_step",
+    ),
+}
+"""Every claim, in the order of the paper's experiments; its second contribution last."""

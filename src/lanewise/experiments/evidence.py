@@ -103,10 +103,10 @@ class Evidence:
         return float(self.drive.reward[frame]), float(self.drive.accumulated_reward[frame])
 
     @property
-    def gap(self) -> NDArray[np.float64]:
-        """By frame, from the ego to the trap car ahead of it at the start, m."""
-        gap: NDArray[np.float64] = self.drive.x[:, 1] - self.drive.x[:, 0]
-        return gap
+    def gaps(self) -> tuple[float, float, float]:
+        """From the ego to the trap car ahead of it at the start: first, largest and last, m."""
+        gap = self.drive.x[:, 1] - self.drive.x[:, 0]
+        return float(gap[0]), float(gap.max()), float(gap[-1])
 
     @property
     def _explored(self) -> int:

@@ -116,7 +116,6 @@ def _ledger(results: Sequence[ArmResult]) -> list[Claim]:
     others = {field: by_arm.get(name, {}) for field, name in OTHERS.items()}
     seeds = [
         Seed(
-            seed,
             _evidence(ours[seed], PROFILE_SECONDS),
             _evidence(flat[seed], PROFILE_SECONDS),
             [_evidence(more[seed]) for more in explorers if seed in more],
