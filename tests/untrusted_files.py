@@ -222,8 +222,7 @@ def _tested(path, seed):
 
 def store_test(job, episodes, world="lanewise"):
     """Keep a test as that of a job."""
-    place, run = OpenFolder(job.path), job.identity()
-    stored_tests.store(place, job.controller, world, episodes, 1.5, run)
+    job.store_test(OpenFolder(job.path), world, episodes, 1.5)
 
 
 def _sweep(path, seed):

@@ -130,17 +130,6 @@ def test_damage_is_named(job, file, old, new, says):
     assert len(str(caught.value).splitlines()) == 1
 
 
-def test_tests_are_neither_written_nor_read_through_a_link(job, tmp_path):
-    """It may lead to those of another run, or to what is no test at all."""
-    elsewhere = shutil.move(job.path / TESTS, tmp_path / "precious")
-    before = {path: path.read_bytes() for path in elsewhere.iterdir()}
-    (job.path / TESTS).symlink_to(elsewhere)
-    for use in (lambda: job.done, lambda: store_test(job, made_up_episodes(1))):
-        with pytest.raises(RunError, match=r"cannot use .*tests: not a folder; delete it"):
-            use()
-    assert {path: path.read_bytes() for path in elsewhere.iterdir()} == before
-
-
 def test_a_test_and_a_report_know_the_code_that_made_them(finished, job):
     stored = json.loads((job.path / TESTS / "lanewise.json").read_text())
     assert {name: stored[name] for name in version.SOURCE} == version.source()

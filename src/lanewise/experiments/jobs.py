@@ -5,12 +5,12 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from lanewise import config
 from lanewise.config.settings import Settings
 from lanewise.controllers.registry import STEP_1
 from lanewise.errors import RunError
+from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.settings import WORLDS
 from lanewise.experiments import evaluate_trained, stored_tests
 from lanewise.experiments.experiment import RUNS, Experiment
@@ -65,7 +65,12 @@ class Job:
         Raises:
             RunError: the test is damaged or of another run.
         """
-        return stored_tests.read(self.path, self.controller, world, self.identity)
+        return stored_tests.read(self.path, self.controller, world, self.seed, self._weights)
+
+    def store_test(self, place: OpenFolder, world: str, episodes: Episodes, seconds: float) -> None:
+        """Keep its test in a world, which took so many seconds; ``place`` is its run folder."""
+        run = (self.seed, self._weights)
+        stored_tests.store(place, self.controller, world, episodes, seconds, *run)
 
     def load(self) -> Trained:
         """What it trained, or its reference driver."""
@@ -73,10 +78,10 @@ class Job:
             return trained.load(self.path)
         return Trained(self.controller, self.settings, self.seed, {})
 
-    def identity(self) -> dict[str, Any]:
-        """What a test of it remembers."""
-        weights = run_state.CONTROLLER if self.trains else None
-        return stored_tests.identity(self.path, self.seed, weights)
+    @property
+    def _weights(self) -> str | None:
+        """File name of what it trained."""
+        return run_state.CONTROLLER if self.trains else None
 
 
 def of_experiment(
@@ -160,7 +165,7 @@ def run(job: Job, reporter: Progress, out: OpenFolder) -> dict[str, float]:
             episodes = evaluate_trained.evaluate(controller, world, count, job.seed, reporter)
             seconds = times[f"test {job.label} in {world}"] = time.monotonic() - began
             place.require_same()
-            stored_tests.store(place, controller.name, world, episodes, seconds, job.identity())
+            job.store_test(place, world, episodes, seconds)
     return times
 
 

@@ -7,7 +7,6 @@ own run alone.
 import hashlib
 import json
 import os
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,55 +41,39 @@ class StoredTest:
     """Wall time of the test."""
 
 
-def identity(path: Path, seed: int, weights: str | None) -> dict[str, Any]:
-    """What a test remembers of its run.
-
-    Args:
-        path: the run folder.
-        seed: of the run.
-        weights: file name of its controller; None for a reference driver.
-
-    Raises:
-        UnreadableError: the settings cannot be read.
-        CheckpointError: there are no weights, or they are damaged.
-    """
-    text = safe_io.read_bytes(path / SETTINGS, LARGEST_SETTINGS, links=False)
-    return {
-        "seed": seed,
-        "settings_sha256": _sha256(text),
-        "weights_sha256": checkpoint.read_digest(path, weights) if weights else None,
-    }
-
-
 def store(
     place: OpenFolder,
     controller: str,
     world: str,
     episodes: Episodes,
     seconds: float,
-    run: Mapping[str, Any],
+    seed: int,
+    weights: str | None,
 ) -> None:
-    """Keep a test, which took so many seconds, in the folder of the run with this `identity`."""
+    """Keep a test, which took so many seconds, in the folder of its run; the rest is as of `read`.
+
+    Raises:
+        LanewiseError: the run's settings or weights are missing or damaged.
+    """
     table = metrics.to_csv(episodes).encode()
     stored: dict[str, Any] = {
         "format": _FORMAT,
         "version": _VERSION,
         "summary": metrics.summarise(episodes, controller=controller, world=world).to_json(),
         "seconds": round(seconds, 2),
-        "run": run,
+        "run": _identity(place.path, seed, weights),
         **provenance.source(),
         "versions": provenance.versions(),
         "machine": provenance.machine(),
         "episodes_sha256": _sha256(table),
     }
     text = json.dumps(stored | {"digest": safe_io.digest(stored)}, indent=1) + "\n"
-    _folder_of(place.path)
     with place.inside(TESTS) as folder:
         write_atomically(folder, {f"{world}.csv": table, f"{world}.json": text.encode()})
 
 
 def read(
-    path: Path, controller: str, world: str, run: Callable[[], dict[str, Any]]
+    path: Path, controller: str, world: str, seed: int, weights: str | None
 ) -> StoredTest | None:
     """A stored test; None if it was not run yet.
 
@@ -98,22 +81,22 @@ def read(
         path: the run folder.
         controller: its name.
         world: where it was tested.
-        run: returns its `identity`; called only where there is a test to compare.
+        seed: of the run.
+        weights: file name of its controller; None for a reference driver.
 
     Raises:
-        RunError: the test is damaged or of another run, or its folder is a link.
+        RunError: the test is damaged or of another run.
     """
-    folder = _folder_of(path)
-    file, table = folder / f"{world}.json", folder / f"{world}.csv"
+    file, table = path / TESTS / f"{world}.json", path / TESTS / f"{world}.csv"
     if not os.path.lexists(file):
         return None
     stored = _document(file)
     try:
-        expected = run()
+        run = _identity(path, seed, weights)
     except (CheckpointError, safe_io.UnreadableError) as error:
         raise RunError(f"{file} cannot be matched to its run: {error}{_REMEDY}") from error
     tested = (stored["summary"]["controller"], stored["summary"]["world"], stored["run"])
-    if tested != (controller, world, expected):
+    if tested != (controller, world, run):
         raise RunError(f"{file} is a test of another run{_REMEDY}")
     content = _contents(table, _LARGEST_TABLE)
     if _sha256(content) != stored["episodes_sha256"]:
@@ -136,14 +119,14 @@ def _document(file: Path) -> dict[str, Any]:
     return stored
 
 
-def _folder_of(path: Path) -> Path:
-    """The folder of a run's tests, which may be missing but be no link."""
-    folder = path / TESTS
-    try:
-        safe_io.require_plain(folder, folder=True)
-    except safe_io.UnreadableError as error:
-        raise RunError(f"cannot use {folder}: {error}{_REMEDY}") from error
-    return folder
+def _identity(path: Path, seed: int, weights: str | None) -> dict[str, Any]:
+    """What a test remembers of its run."""
+    text = safe_io.read_bytes(path / SETTINGS, LARGEST_SETTINGS, links=False)
+    return {
+        "seed": seed,
+        "settings_sha256": _sha256(text),
+        "weights_sha256": checkpoint.read_digest(path, weights) if weights else None,
+    }
 
 
 def _sha256(content: bytes) -> str:
