@@ -22,20 +22,6 @@ from lanewise.interop import known
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, Road, Vehicles, World
 
 ORIGIN, DESTINATION = "0", "1"
-_PARAMETERS = {
-    "comfort_acceleration": "COMFORT_ACC_MAX",
-    "comfort_deceleration": "COMFORT_ACC_MIN",
-    "jam_distance": "DISTANCE_WANTED",
-    "time_gap": "TIME_WANTED",
-    "exponent": "DELTA",
-    "politeness": "POLITENESS",
-    "minimum_gain": "LANE_CHANGE_MIN_ACC_GAIN",
-    "imposed_braking": "LANE_CHANGE_MAX_BRAKING_IMPOSED",
-    "change_delay": "LANE_CHANGE_DELAY",
-    "acceleration_limit": "ACC_MAX",
-    "slip_limit": "MAX_STEERING_ANGLE",
-}
-"""Our name of each parameter, and highway-env's."""
 
 
 def _slip_sine(steering: float) -> float:
@@ -86,7 +72,7 @@ def _read_drivers(vehicles: list[Any], controlled: list[Any]) -> Drivers:
     kinds = [kind(vehicle) for vehicle in vehicles]
     rule_based = [v if isinstance(v, IDMVehicle) else IDMVehicle for v in vehicles]
     parameters = {}
-    for name, theirs in _PARAMETERS.items():
+    for name, theirs in known.PARAMETERS.items():
         read, _ = _CONVERTED.get(name, (float, float))
         parameters[name] = _floats(read(getattr(v, theirs)) for v in rule_based)
     return Drivers(
@@ -183,7 +169,7 @@ def _build_vehicle(road: Any, state: SimpleNamespace, driver: SimpleNamespace) -
         if not 0 <= driver.slip_limit < 1:
             raise SettingsError(f"a slip_limit of {driver.slip_limit} is no sine below 1")
         vehicle = IDMVehicle(*place)
-        for name, theirs in _PARAMETERS.items():
+        for name, theirs in known.PARAMETERS.items():
             _, setting = _CONVERTED.get(name, (float, float))
             setattr(vehicle, theirs, setting(getattr(driver, name)))
         # The constructor replaces zeros by defaults, so zeros must be set afterwards.

@@ -21,36 +21,35 @@ from lanewise.world.road import MOST_LANES
 
 SIZES = frozenset({"LENGTH", "WIDTH"})
 """Numbers that are read from every vehicle."""
-DRIVING = frozenset(
-    {
-        "ACC_MAX", "COMFORT_ACC_MAX", "COMFORT_ACC_MIN", "DELTA", "DISTANCE_WANTED",
-        "LANE_CHANGE_DELAY", "LANE_CHANGE_MAX_BRAKING_IMPOSED", "LANE_CHANGE_MIN_ACC_GAIN",
-        "MAX_STEERING_ANGLE", "POLITENESS", "TIME_WANTED",
-    }
-)  # fmt: skip
-"""Numbers that are read from every `IDMVehicle`."""
+PARAMETERS = {
+    "comfort_acceleration": "COMFORT_ACC_MAX",
+    "comfort_deceleration": "COMFORT_ACC_MIN",
+    "jam_distance": "DISTANCE_WANTED",
+    "time_gap": "TIME_WANTED",
+    "exponent": "DELTA",
+    "politeness": "POLITENESS",
+    "minimum_gain": "LANE_CHANGE_MIN_ACC_GAIN",
+    "imposed_braking": "LANE_CHANGE_MAX_BRAKING_IMPOSED",
+    "change_delay": "LANE_CHANGE_DELAY",
+    "acceleration_limit": "ACC_MAX",
+    "slip_limit": "MAX_STEERING_ANGLE",
+}
+"""Numbers that are read from every `IDMVehicle`: our name of each, and highway-env's."""
 NUMBERS = ("position", "heading", "speed", "timer", "target_speed")
 """The state that is read as numbers, where a vehicle has it."""
 BEGINNING = frozenset(
-    {"__init__", "create_random", "create_from", "make_on_lane", "randomize_behavior",
+    {"create_random", "create_from", "make_on_lane", "randomize_behavior",
      "DEFAULT_INITIAL_SPEEDS", "DELTA_RANGE", "HISTORY_SIZE"}
 )  # fmt: skip
 """Matters only before an object is read, or to a picture."""
-TECHNICAL = frozenset(
-    {"__abstractmethods__", "_abc_impl", "__annotate__", "__annotate_func__", "__annotations__",
-     "__annotations_cache__", "__dict__", "__doc__", "__firstlineno__", "__module__",
-     "__qualname__", "__repr__", "__slotnames__", "__static_attributes__", "__str__",
-     "__weakref__"}
-)  # fmt: skip
-"""What Python itself notes in a class, and how an object prints."""
 
 
 def _defined(kind: type) -> dict[str, Any]:
-    """All that a class defines or inherits, by name."""
+    """All that a class defines or inherits, by name, without what every class has."""
     found: dict[str, Any] = {}
     for base in reversed(kind.__mro__):
         found.update(vars(base))
-    return found
+    return {name: value for name, value in found.items() if not name.startswith(("__", "_abc_"))}
 
 
 _ORIGINAL = {
@@ -61,14 +60,6 @@ _ORIGINAL = {
     )
 }  # fmt: skip
 """highway-env's own, before anything can have been changed."""
-_STATE = {
-    Vehicle: frozenset(vars(Vehicle(None, [0.0, 0.0]))) | {"target_speed"},
-    IDMVehicle: frozenset(vars(IDMVehicle(None, [0.0, 0.0]))),
-    StraightLane: frozenset(vars(StraightLane([0.0, 0.0], [1.0, 0.0]))),
-    Road: frozenset(vars(Road())),
-    RoadNetwork: frozenset(vars(RoadNetwork())),
-}
-"""What constructors set, and what drivers ask of others; a class must leave it to its objects."""
 
 
 def _require(holds: Any, what: str, do: str = "") -> None:
@@ -76,32 +67,22 @@ def _require(holds: Any, what: str, do: str = "") -> None:
         raise SettingsError(f"{what} cannot be read" + (f"; {do}" if do else ""))
 
 
-def _same(value: Any, original: Any) -> bool:
-    numbers = isinstance(value, (int, float)) and isinstance(original, (int, float))
-    return value is original or (numbers and value == original)
-
-
 def _check_unchanged(thing: Any, original: type, read: frozenset[str] = frozenset()) -> None:
-    """Refuse what an object and its class change of highway-env's own class, by name."""
-    usual, state = _ORIGINAL[original], _STATE.get(original, frozenset())
-
-    def is_free(name: str, value: Any) -> bool:
-        is_read = name in read and isinstance(value, (int, float, np.number))
-        return is_read or name in BEGINNING | TECHNICAL or _same(value, usual.get(name))
-
-    of_class = [
+    """Refuse what an object or its class changes of highway-env's own class, by name."""
+    own = _defined(type(thing)) | vars(thing)
+    changed = [
         name
-        for name, value in _defined(type(thing)).items()
-        if (name in usual or name in state or name.startswith("__")) and not is_free(name, value)
+        for name, usual in _ORIGINAL[original].items()
+        if name not in BEGINNING and not _is_fine(own[name], usual, name in read)
     ]
-    of_object = [
-        name
-        for name, value in vars(thing).items()
-        if name in usual and name not in state and not is_free(name, value)
-    ]
-    changed = ", ".join(dict.fromkeys(of_class + of_object))
-    what = f"a {type(thing).__name__} with its own {changed}"
+    what = f"a {type(thing).__name__} with its own {', '.join(changed)}"
     _require(not changed, what, f"use highway-env's {original.__name__}")
+
+
+def _is_fine(value: Any, usual: Any, read: bool) -> bool:
+    """Whether it is highway-env's own, or a number that is as usual or is read."""
+    number = isinstance(value, int | float | np.number)
+    return value is usual or (number and (read or bool(value == usual)))
 
 
 def check(env: Any) -> None:
@@ -134,10 +115,10 @@ def check_rates(simulation_frequency: float, decision_frequency: float) -> None:
 def _check_env(env: Any) -> None:
     kind = f"a {type(env).__name__}"
     _require(isinstance(env, AbstractEnv), kind, "use an environment of highway-env")
+    own = _defined(type(env)) | vars(env)
     for name in ("step", "_simulate"):
-        usual = _defined(type(env)).get(name) is _ORIGINAL[AbstractEnv][name]
-        own = f"{kind} with its own {name}"
-        _require(usual and name not in vars(env), own, "use HighwayEnv's")
+        usual = own[name] is _ORIGINAL[AbstractEnv][name]
+        _require(usual, f"{kind} with its own {name}", "use HighwayEnv's")
     check_rates(env.config["simulation_frequency"], env.config["policy_frequency"])
 
 
@@ -165,7 +146,7 @@ def lanes(network: Any) -> list[Any]:
 
 
 def _check_lane(lane: Any) -> None:
-    _check_unchanged(lane, StraightLane)
+    _check_unchanged(lane, StraightLane, frozenset({"length"}))
     along = lane.end[0] - lane.start[0]
     straight = (
         along > 0
@@ -235,7 +216,9 @@ def _check_vehicle(vehicle: Any, road: Any) -> None:
     kind, rule_based = f"a {type(vehicle).__name__}", isinstance(vehicle, IDMVehicle)
     plain = isinstance(vehicle, Vehicle) and not isinstance(vehicle, ControlledVehicle)
     _require(plain or rule_based, kind, "use Vehicle or IDMVehicle")
-    original, read = (IDMVehicle, SIZES | DRIVING) if rule_based else (Vehicle, SIZES)
+    original, read = (
+        (IDMVehicle, SIZES.union(PARAMETERS.values())) if rule_based else (Vehicle, SIZES)
+    )
     _check_unchanged(vehicle, original, read)
     _check_numbers(vehicle, [*read, *NUMBERS])
     _require(vehicle.road is road, f"{kind} of another road")
