@@ -8,7 +8,6 @@ from typing import Any
 from lanewise.evaluation.settings import WORLDS
 from lanewise.experiments.results import ArmResult
 from lanewise.report import film_strip, goal_figure, profiles, seed_figure, training_curves
-from lanewise.report.experiment_tables import ArmFigures
 from lanewise.report.figure_style import Figure, save
 
 FOLDER = "figures"
@@ -44,17 +43,11 @@ def write(out: Path, results: Sequence[ArmResult]) -> list[Drawn]:
     return drawn
 
 
-def of_seeds(arms: Sequence[ArmFigures], out: Path) -> Drawn:
-    """Draw the tests of every arm in our world below ``out``."""
-    drawn = Drawn(
-        "seeds",
-        "Tests of every arm: a dot a seed, a line at their mean, published values dashed",
-    )
-    save(seed_figure.draw(arms, WORLDS[0]), out / FOLDER / drawn.name)
-    return drawn
-
-
 def _figures(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Figure]]:
+    if any(len(arm.seeds) > 1 for arm in arms.values()):
+        caption = "Tests of every arm: a dot a seed, a line at their mean, published values dashed"
+        found = seed_figure.draw([arm.figures for arm in arms.values()], WORLDS[0])
+        yield Drawn("seeds", caption), found
     yield from _curves(arms)
     if all(name in arms for name in COMPARED):
         yield from _drives({name: arms[name] for name in COMPARED})

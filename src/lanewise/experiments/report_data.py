@@ -2,14 +2,14 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from lanewise import config
 from lanewise.evaluation import metrics
 from lanewise.evaluation.metrics import Paired, Summary
 from lanewise.evaluation.settings import WORLDS
-from lanewise.experiments import drives, published
+from lanewise.experiments import drives
 from lanewise.experiments.claims import Claim
 from lanewise.experiments.experiment import Experiment
 from lanewise.experiments.figures import Drawn
@@ -37,7 +37,7 @@ class ReportData:
     @property
     def figures(self) -> list[ArmFigures]:
         """What the tables need."""
-        return [figures_of(result) for result in self.results]
+        return [result.figures for result in self.results]
 
     @property
     def summaries(self) -> list[Summary]:
@@ -77,35 +77,9 @@ class ReportData:
         found: dict[str, dict[int, Paired]] = {}
         for result in self.results:
             for seed in result.seeds:
-                if (pair := paired(seed)) is not None:
-                    found.setdefault(result.arm.name, {})[seed.job.seed] = pair
+                if seed.paired is not None:
+                    found.setdefault(result.arm.name, {})[seed.job.seed] = seed.paired
         return found
-
-
-def paired(seed: SeedResult) -> Paired | None:
-    """The same starts in both worlds; None where a seed was tested in one alone."""
-    if len(seed.tests) < len(WORLDS):
-        return None
-    return metrics.paired(*(seed.tests[world].episodes for world in WORLDS))
-
-
-def figures_of(result: ArmResult) -> ArmFigures:
-    """What the tables need of an arm."""
-    settings = result.seeds[0].job.settings
-    unlike = published.unlike_test(settings)
-    return ArmFigures(
-        title=result.arm.title,
-        controller=result.arm.controller,
-        seeds=[seed.job.seed for seed in result.seeds],
-        tests={
-            world: [replace(test.summary, unlike_paper=unlike) for test in result.tests(world)]
-            for world in WORLDS
-        },
-        training=[seed.episodes for seed in result.seeds if seed.job.trains],
-        effort=[seed.effort for seed in result.seeds if seed.job.trains],
-        unlike_paper=unlike,
-        unlike_papers_training=published.unlike_training(settings),
-    )
 
 
 def as_json(data: ReportData) -> str:
@@ -127,16 +101,15 @@ def as_json(data: ReportData) -> str:
 
 
 def _arm_json(result: ArmResult) -> dict[str, Any]:
-    settings = result.seeds[0].job.settings
     return {
         "name": result.arm.name,
         "title": result.arm.title,
         "controller": result.arm.controller,
         "changes": dict(result.arm.changes),
-        "settings": config.flatten(settings),
+        "settings": config.flatten(result.settings),
         "unlike_published": {
-            "test": published.unlike_test(settings),
-            "training": published.unlike_training(settings),
+            "test": result.figures.unlike_paper,
+            "training": result.figures.unlike_papers_training,
         },
         "median_seed": drives.median_seed(result.seeds).job.seed,
         "seeds": [_seed_json(seed) for seed in result.seeds],
@@ -150,13 +123,12 @@ def _seed_json(seed: SeedResult) -> dict[str, Any]:
         for name, *_ in experiment_tables.TRAINING
         if seed.job.trains
     }
-    pair = paired(seed)
     return {
         "seed": seed.job.seed,
         "trained_by": seed.trained_by,
         "tests": tests,
         "test_seconds": {world: test.seconds for world, test in seed.tests.items()},
-        "paired": None if pair is None else pair.to_json(),
+        "paired": None if seed.paired is None else seed.paired.to_json(),
         "training": last,
         "weights": [dict(each.line) | {"chosen_for": each.chosen_for} for each in seed.selected],
         "effort": seed.effort or None,

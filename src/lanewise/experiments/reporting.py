@@ -81,8 +81,6 @@ def _draw(
         "machine": provenance.machine(),
     }
     drawn = figures.write(out, results)
-    if any(len(result.seeds) > 1 for result in results):
-        drawn.insert(0, figures.of_seeds([report_data.figures_of(each) for each in results], out))
     clip.render(_shown(results).seeds[0].record(), out / "clip.gif")
     drives.write(out, results)
     lines = [line for result in _in_curves(results) for line in result.seeds[0].whole_training]
@@ -256,7 +254,7 @@ def _reading_part(data: ReportData) -> list[str]:
     """The rows of the reading, with the settings of every arm."""
     arms = []
     for result in data.results:
-        arm, settings = result.arm, config.flatten(result.seeds[0].job.settings)
+        arm, settings = result.arm, config.flatten(result.settings)
         takes_over = bool(arm.high_level)
         arms.append(readings.ArmSettings(arm.title, arm.controller, settings, takes_over))
     return [
@@ -282,7 +280,7 @@ def _origin_part(data: ReportData) -> list[str]:
         f"| arm | settings that differ from preset {data.experiment.preset} |\n|---|---|\n"
         + "\n".join(map(_changes, data.results)),
         f"## Settings: {cell(shown.arm.title)}",
-        tables.listing(config.flatten(shown.seeds[0].job.settings)),
+        tables.listing(config.flatten(shown.settings)),
     ]
 
 

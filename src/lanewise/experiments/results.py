@@ -1,16 +1,21 @@
 """What an experiment has left on disk, arm by arm and seed by seed."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+from lanewise.config.settings import Settings
 from lanewise.controllers.registry import STEP_1
+from lanewise.evaluation import metrics
 from lanewise.evaluation.episodes import Recording
-from lanewise.experiments import evaluate_trained
+from lanewise.evaluation.metrics import Paired
+from lanewise.evaluation.settings import WORLDS
+from lanewise.experiments import evaluate_trained, published
 from lanewise.experiments.experiment import Experiment, ExperimentArm
 from lanewise.experiments.jobs import Job
 from lanewise.experiments.stored_tests import StoredTest
+from lanewise.report.experiment_tables import ArmFigures
 from lanewise.runs import metrics_file, run_state, selected_weights
 from lanewise.runs.run_folder import RunFolder
 from lanewise.runs.selected_weights import SelectedWeights
@@ -81,6 +86,13 @@ class SeedResult:
         """The code its run was made with; None for a reference driver."""
         return RunFolder.open(self.job.path).source if self.job.trains else None
 
+    @property
+    def paired(self) -> Paired | None:
+        """The same starts in both worlds; None where it was tested in one alone."""
+        if len(self.tests) < len(WORLDS):
+            return None
+        return metrics.paired(*(self.tests[world].episodes for world in WORLDS))
+
     @cached_property
     def controller(self) -> Trained:
         """The controller that was tested."""
@@ -98,9 +110,33 @@ class ArmResult:
     arm: ExperimentArm
     seeds: tuple[SeedResult, ...]
 
-    def tests(self, world: str) -> list[StoredTest]:
-        """The tests of all seeds in a world, in their order."""
-        return [seed.tests[world] for seed in self.seeds if world in seed.tests]
+    @property
+    def settings(self) -> Settings:
+        """Of all its seeds."""
+        return self.seeds[0].job.settings
+
+    @cached_property
+    def figures(self) -> ArmFigures:
+        """What tables need of it."""
+        unlike = published.unlike_test(self.settings)
+        trained = [seed for seed in self.seeds if seed.job.trains]
+        return ArmFigures(
+            title=self.arm.title,
+            controller=self.arm.controller,
+            seeds=[seed.job.seed for seed in self.seeds],
+            tests={
+                world: [
+                    replace(seed.tests[world].summary, unlike_paper=unlike)
+                    for seed in self.seeds
+                    if world in seed.tests
+                ]
+                for world in WORLDS
+            },
+            training=[seed.episodes for seed in trained],
+            effort=[seed.effort for seed in trained],
+            unlike_paper=unlike,
+            unlike_papers_training=published.unlike_training(self.settings),
+        )
 
 
 def collect(experiment: Experiment, jobs: Sequence[Job]) -> list[ArmResult]:
