@@ -4,8 +4,7 @@ The controller drives; the exported policy is shown the same, carries its own me
 choose the same. Where it does not, it is counted, and goes on with the controller's memory.
 """
 
-import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -111,25 +110,20 @@ def agreement(
         done: called with how many are done.
     """
     config = recipe.evaluation_config(trained.settings, trained.name, renewal)
-    total = Agreement()
-    for decisions in drives(replace(config, split="training"), trained.parameters, seed):
-        total += compare(step, decisions)
-        done(min(total.states, states))
-        if total.states >= states:
-            break
-    return total
-
-
-def drives(config: EvaluationConfig, parameters: Parameters, seed: int) -> Iterator[Decision]:
-    """The greedy controller's decisions from each block of starts, [T, B]."""
-    for first in itertools.count(0, evaluator.BLOCK):
+    config = replace(config, split="training")
+    total, first = Agreement(), 0
+    while total.states < states:
         worlds = evaluator.start_block(config, seed, first)
-        decisions: Decision = jax.device_get(_drive(config, parameters, worlds))
-        yield decisions
+        total += compare(step, jax.device_get(_drive(config, trained.parameters, worlds)))
+        done(min(total.states, states))
+        first += evaluator.BLOCK
+    return total
 
 
 @pinned.jit(static_argnums=0)
 def _drive(config: EvaluationConfig, parameters: Parameters, worlds: World) -> Decision:
+    """The greedy controller's decisions from a block of starts, [T, B]."""
+
     def decide(drive: Drive, _: None) -> tuple[Drive, Decision]:
         action, memory, traces = evaluator.act(config, parameters, drive)
         live = ~drive.episode.outcome.over
