@@ -153,20 +153,10 @@ def test_when_the_parent_is_killed_its_processes_end(tmp_path):
 
 INTERRUPTED = """
 import signal, sys, time
-from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from lanewise.experiments import jobs as jobs_module, schedule
 from lanewise.system.folder_io import OpenFolder
-
-@dataclass(frozen=True)
-class Job:
-    path: Path
-    high_level: Path | None = None
-    done: bool = False
-
-    @property
-    def label(self):
-        return self.path.name
 
 def run(job, reporter, out):
     (job.path / "begun").touch()
@@ -184,7 +174,8 @@ if __name__ == "__main__":
     # Whoever started the tests in the background may have told them to ignore Ctrl-C.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        jobs = [Job(Path("long")), Job(Path("short"))]
+        names, left = ("long", "short"), {"high_level": None, "done": False}
+        jobs = [SimpleNamespace(label=name, path=Path(name), **left) for name in names]
         schedule.run(jobs, 2, sys.stderr, OpenFolder(Path.cwd()))
     except KeyboardInterrupt:
         print("interrupted")

@@ -107,9 +107,7 @@ def made(tmp_path, monkeypatch):
     monkeypatch.setattr(reporting.clip, "render", lambda recording, path: None)
     monkeypatch.setattr(reporting.drives, "write", lambda out, results: None)
     monkeypatch.setattr(results.SeedResult, "record", lambda self, episode=0: None)
-    monkeypatch.setattr(
-        reporting.figures, "write", lambda out, arms: [reporting.figures.Drawn("x", STRANGE[5])]
-    )
+    monkeypatch.setattr(reporting.figures, "write", lambda out, arms: {"x": STRANGE[5]})
     command = "lanewise reproduce --out '" + "".join(STRANGE) + "\udce4'"
     collected = results.collect(found, every)
     path, text = reporting.write(

@@ -1,7 +1,6 @@
 """The figures of an experiment's report, each drawn if the experiment has what it shows."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,30 +23,24 @@ PROFILED = 5
 """Drives of each seed behind the profiles."""
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """A figure of the report."""
+def write(out: Path, results: Sequence[ArmResult]) -> dict[str, str]:
+    """Draw every figure that the results allow below ``out``.
 
-    name: str
-    """Of its files, without ending."""
-    caption: str
-    """What it shows, and what the paper calls it."""
-
-
-def write(out: Path, results: Sequence[ArmResult]) -> list[Drawn]:
-    """Draw every figure that the results allow below ``out``; in the order of the report."""
-    drawn = []
-    for each, figure in _figures({result.arm.name: result for result in results}):
-        save(figure, out / FOLDER / each.name)
-        drawn.append(each)
-    return drawn
+    Returns:
+        The caption of each by the name of its files, without ending, in the order of the report.
+    """
+    captions = {}
+    for name, caption, figure in _figures({result.arm.name: result for result in results}):
+        save(figure, out / FOLDER / name)
+        captions[name] = caption
+    return captions
 
 
-def _figures(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Figure]]:
+def _figures(arms: Mapping[str, ArmResult]) -> Iterator[tuple[str, str, Figure]]:
     if any(len(arm.seeds) > 1 for arm in arms.values()):
         caption = "Tests of every arm: a dot a seed, a line at their mean, published values dashed"
         found = seed_figure.draw([arm.figures for arm in arms.values()], WORLDS[0])
-        yield Drawn("seeds", caption), found
+        yield "seeds", caption, found
     yield from _curves(arms)
     if all(name in arms for name in COMPARED):
         yield from _drives({name: arms[name] for name in COMPARED})
@@ -57,10 +50,10 @@ def _figures(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Figure]]:
             "the paper)"
         )
         first = arms["hierarchical"].seeds[0].record()
-        yield Drawn("goals", caption), goal_figure.draw(first)
+        yield "goals", caption, goal_figure.draw(first)
 
 
-def _curves(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Figure]]:
+def _curves(arms: Mapping[str, ArmResult]) -> Iterator[tuple[str, str, Figure]]:
     """Both successes, reward and speed over training episodes; an arm's last stage."""
     both = {name: arms[name] for name in CURVES if name in arms}
     if both:
@@ -71,7 +64,7 @@ def _curves(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Figure]]:
             "an episode differ for that alone"
         )
         rows, settled = _training(both, lambda result: result.arm.name)
-        yield Drawn("training", caption), training_curves.draw(rows, settled=settled)
+        yield "training", caption, training_curves.draw(rows, settled=settled)
     schedules = {name: arms[name] for name in SCHEDULES if name in arms}
     if len(schedules) > 1:
         caption = (
@@ -79,7 +72,7 @@ def _curves(arms: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Figure]]:
             "paper's comparison)"
         )
         rows, settled = _training(schedules, lambda result: result.arm.title)
-        yield Drawn("exploration", caption), training_curves.draw(rows, settled=settled)
+        yield "exploration", caption, training_curves.draw(rows, settled=settled)
 
 
 def _training(
@@ -91,7 +84,7 @@ def _training(
     return rows, {name: mark for name, mark in marks.items() if mark is not None}
 
 
-def _drives(pair: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Figure]]:
+def _drives(pair: Mapping[str, ArmResult]) -> Iterator[tuple[str, str, Figure]]:
     """What both controllers do: profiles over seeds, and a film strip of the first seed."""
     longer = {
         name: [seed.record(i, PROFILE_SECONDS) for seed in result.seeds for i in range(PROFILED)]
@@ -101,7 +94,7 @@ def _drives(pair: Mapping[str, ArmResult]) -> Iterator[tuple[Drawn, Figure]]:
         f"Speed and reward over the first {PROFILE_SECONDS} timesteps, {PROFILED} drives of every "
         "seed (the paper's profiles)"
     )
-    yield Drawn("profiles", caption), profiles.draw(longer)
+    yield "profiles", caption, profiles.draw(longer)
     caption = "Both controllers from above, same start (the paper's film strip)"
     firsts = {name: result.seeds[0].record() for name, result in pair.items()}
-    yield Drawn("film-strip", caption), film_strip.draw(firsts)
+    yield "film-strip", caption, film_strip.draw(firsts)

@@ -23,10 +23,7 @@ def belongs_to_test(name: str) -> bool:
 def unlike_test(settings: Settings, task: Iterable[str] = (), split: str = "test") -> str:
     """What makes a test another than the published ones; empty where nothing does.
 
-    Args:
-        settings: tested with.
-        task: names of the user's own functions (`driving.task_functions.TaskFunctions.names`).
-        split: of its starts.
+    ``task`` holds the names of the user's own functions, ``split`` is that of its starts.
     """
     if own := next(iter(task), ""):
         return own

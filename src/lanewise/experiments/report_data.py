@@ -12,7 +12,6 @@ from lanewise.evaluation.settings import WORLDS
 from lanewise.experiments import drives
 from lanewise.experiments.claims import Claim
 from lanewise.experiments.experiment import Experiment
-from lanewise.experiments.figures import Drawn
 from lanewise.experiments.results import ArmResult, SeedResult
 from lanewise.report import experiment_tables
 from lanewise.report.experiment_tables import ArmFigures
@@ -28,7 +27,8 @@ class ReportData:
     command: str
     results: Sequence[ArmResult]
     ledger: Sequence[Claim]
-    drawn: Sequence[Drawn]
+    drawn: Mapping[str, str]
+    """Captions of the figures, by their names."""
     made: Mapping[str, Any]
     """Date, versions, machine."""
     times: Mapping[str, float]

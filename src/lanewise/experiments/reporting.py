@@ -45,14 +45,7 @@ def write(
     command: str,
     times: Mapping[str, float],
 ) -> tuple[Path, str]:
-    """Write the report of an experiment into its folder.
-
-    Args:
-        out: the folder.
-        experiment: what was run.
-        results: of its finished jobs.
-        command: that made them.
-        times: seconds by part of the work.
+    """Write the report of an experiment into its folder; ``times`` are seconds by part of the work.
 
     Returns:
         (path of `report.md`, written last; its tables as text).
@@ -238,16 +231,15 @@ def _ledger_part(data: ReportData) -> list[str]:
 
 def _figure_part(data: ReportData) -> list[str]:
     parts = ["## Figures"]
-    for figure in data.drawn:
-        parts.append(f"![{cell(figure.caption)}]({FOLDER}/{figure.name}.png)")
-        parts.append(f"*{cell(figure.caption)}*")
+    for name, caption in data.drawn.items():
+        parts += [f"![{cell(caption)}]({FOLDER}/{name}.png)", f"*{cell(caption)}*"]
     if any(result.seeds[0].lines for result in _in_curves(data.results)):
         parts += [
             "![Success, reward and speed while training](curves.png)",
             "*Every stage of the first seeds over its decisions*",
         ]
-    name = cell(_shown(data.results).arm.title)
-    return [*parts, f"![The road from above: {name}](clip.gif)", f"*One test episode: {name}*"]
+    shown = cell(_shown(data.results).arm.title)
+    return [*parts, f"![The road from above: {shown}](clip.gif)", f"*One test episode: {shown}*"]
 
 
 def _reading_part(data: ReportData) -> list[str]:

@@ -101,13 +101,8 @@ def agreement(
 ) -> Agreement:
     """Compare an exported policy with its controller, which drives from training starts.
 
-    Args:
-        trained: the controller.
-        step: the exported policy's.
-        states: decisions to compare, at least.
-        seed: of the starts.
-        renewal: when goals are renewed, as it was exported.
-        done: called with how many are done.
+    At least so many ``states`` are compared. Goals are renewed as it was exported, and ``done`` is
+    called with how many are done.
     """
     config = recipe.evaluation_config(trained.settings, trained.name, renewal)
     config = replace(config, split="training")

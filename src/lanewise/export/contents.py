@@ -16,12 +16,9 @@ from lanewise.training import recipe
 
 
 def policy(trained: Trained, digest: str, renewal: str | None = None) -> Policy:
-    """A trained controller as a NumPy policy.
+    """A trained controller as a NumPy policy; ``digest`` is that of its run's settings.
 
-    Args:
-        trained: the controller.
-        digest: of its run's settings, to know it by.
-        renewal: when goals are renewed, None as the run's settings say.
+    ``renewal`` says when goals are renewed; None as the run's settings say.
 
     Raises:
         ValueError: it is a reference driver, which has no policy.
