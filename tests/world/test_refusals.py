@@ -107,7 +107,6 @@ REFUSED = {
     "controlled driver": (
         lambda env: setattr(env, "vehicle", env.road.vehicles[2]), "decides twice"
     ),
-    "twice on the road": (lambda env: env.road.vehicles.append(env.vehicle), "twice on the road"),
     # The road.
     "regulated road": (
         with_class_of("road", RegulatedRoad), "RegulatedRoad with its own step"
@@ -121,8 +120,6 @@ REFUSED = {
     "32 lanes": (with_lanes(32), "32 lanes"),
     "patched lane": (with_lane("is_reachable_from", nothing), "is_reachable_from"),
     "stretched lane": (with_lane("end", np.array([5e3, 4.0])), "straight along x"),
-    "lane of no width": (with_lane("width", 0.0), "width"),
-    "speed limit of nan": (with_lane("speed_limit", float("nan")), "speed_limit"),
     "negative speed without limit": (with_unlimited_lane_and_negative_speed, "negative target"),
     # Classes of vehicles.
     "linear": (with_vehicle(LinearVehicle), "LinearVehicle with its own act, steering_control"),
@@ -154,7 +151,6 @@ REFUSED = {
     "place by hand": (
         lambda env: env.road.vehicles[1].position.__setitem__(1, 12.0), "lane_index"
     ),
-    "another road": (with_attribute("road", live().road), "another road"),
     "route": (with_attribute("route", [("0", "1", 0)]), "route"),
     "target off the road": (with_attribute("target_lane_index", ("0", "1", 4)), "target_lane"),
 }  # fmt: skip
