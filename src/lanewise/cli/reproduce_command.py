@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from lanewise import config
 from lanewise.cli.command_line import Parsed
@@ -67,7 +67,7 @@ def run(parsed: Parsed[Reproduce]) -> int:
         if arm.trained:
             validation.check_memory(settings, arm.controller, process.total_memory())
     extras.check()
-    wanted = any(chosen.count(arm, "highway_env_episodes") for arm in chosen.arms)
+    wanted = any(arm.highway_env_episodes for arm in chosen.arms)
     if wanted and find_spec("highway_env") is None:
         raise LanewiseError(f"reproduce needs highway-env: {extras.install('report', 'highway')}")
     experiments.check_folder(command.out, whole)
@@ -127,9 +127,7 @@ def _experiment(command: Reproduce) -> Experiment:
         for name in ("seeds", "episodes", "highway_env_episodes")
         if getattr(command, name) is not None
     }
-    no_own: dict[str, Any] = dict.fromkeys(given)
-    arms = tuple(replace(arm, **no_own) for arm in found.arms)
-    return replace(found, arms=arms, **given)
+    return replace(found, arms=tuple(replace(arm, **given) for arm in found.arms))
 
 
 def _overrides(parsed: Parsed[Reproduce]) -> Mapping[str, object]:

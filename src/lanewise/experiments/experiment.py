@@ -65,12 +65,13 @@ class ExperimentArm:
     """What is trained, or a reference driver."""
     changes: Mapping[str, object]
     """Settings that differ from the experiment's preset, by dotted name."""
-    high_level: str = ""
+    high_level: str
     """Arm whose step 1 is taken over; empty to train its own."""
-    seeds: int | None = None
-    """Instead of the experiment's, as are the next two."""
-    episodes: int | None = None
-    highway_env_episodes: int | None = None
+    seeds: int
+    episodes: int
+    """Test episodes a seed in our world."""
+    highway_env_episodes: int
+    """The first of the same starts in highway-env; 0 for none."""
 
     @property
     def trained(self) -> bool:
@@ -85,9 +86,6 @@ class Experiment:
     name: str
     title: str
     preset: str
-    seeds: int
-    episodes: int
-    highway_env_episodes: int
     arms: tuple[ExperimentArm, ...]
 
     def settings(self, arm: ExperimentArm, trap: str, overrides: Mapping[str, object]) -> Settings:
@@ -97,12 +95,6 @@ class Experiment:
             return config.compose(preset=self.preset, trap=trap, flags=changes)
         except SettingsError as error:
             raise SettingsError(f"arm {arm.name}: {error}") from error
-
-    def count(self, arm: ExperimentArm, what: str) -> int:
-        """``seeds``, ``episodes`` or ``highway_env_episodes`` of an arm: its own or the common."""
-        own: int | None = getattr(arm, what)
-        common: int = getattr(self, what)
-        return common if own is None else own
 
     def only(self, names: tuple[str, ...]) -> "Experiment":
         """The experiment with these arms alone, and those whose step 1 they take over."""
@@ -149,11 +141,11 @@ def parse(name: str, text: str) -> Experiment:
     arms = _table(table, "arms")
     if not arms:
         raise SettingsError("an experiment needs at least one [arms.NAME]")
-    parsed = tuple(_arm(arm, _table(arms, arm)) for arm in arms)
     preset = _text(table, "preset", "quick")
     look_up("preset", preset, PRESETS)
     counts = {key: kind.check(key, table.get(key)) for key, kind in _COUNTS.items()}
-    found = Experiment(name, _text(table, "title", name), preset, arms=parsed, **counts)
+    parsed = tuple(_arm(arm, _table(arms, arm), counts) for arm in arms)
+    found = Experiment(name, _text(table, "title", name), preset, parsed)
     for arm in parsed:
         found.settings(arm, "trap-10", {})
         if arm.high_level:
@@ -161,7 +153,8 @@ def parse(name: str, text: str) -> Experiment:
     return found
 
 
-def _arm(name: str, table: Mapping[str, Any]) -> ExperimentArm:
+def _arm(name: str, table: Mapping[str, Any], counts: Mapping[str, int]) -> ExperimentArm:
+    """An arm; ``counts`` are the experiment's, where it has none of its own."""
     # It becomes a folder's name.
     if not name.replace("-", "").isalnum() or not name.isascii() or len(name) > 80:
         raise SettingsError(
@@ -176,7 +169,7 @@ def _arm(name: str, table: Mapping[str, Any]) -> ExperimentArm:
         controller,
         _table(table, "settings"),
         _text(table, "high_level", ""),
-        **{key: kind.check(key, table[key]) for key, kind in _COUNTS.items() if key in table},
+        **{key: kind.check(key, table.get(key, counts[key])) for key, kind in _COUNTS.items()},
     )
 
 
@@ -189,7 +182,7 @@ def _check_high_level(experiment: Experiment, arm: ExperimentArm) -> None:
         raise SettingsError(f"arm {arm.name}: only {' and '.join(WITH_STEP_1)} have a step 1")
     if lender.high_level:
         raise SettingsError(f"arm {arm.name}: {lender.name} trains no step 1 of its own to lend")
-    if experiment.count(arm, "seeds") > experiment.count(lender, "seeds"):
+    if arm.seeds > lender.seeds:
         raise SettingsError(f"arm {arm.name}: has more seeds than {lender.name}, its high_level")
     settings = (experiment.settings(each, "trap-10", {}) for each in (lender, arm))
     try:

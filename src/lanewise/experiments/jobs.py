@@ -13,7 +13,7 @@ from lanewise.errors import RunError
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.settings import WORLDS
 from lanewise.experiments import evaluate_trained, stored_tests
-from lanewise.experiments.experiment import RUNS, Experiment
+from lanewise.experiments.experiment import RUNS, Experiment, ExperimentArm
 from lanewise.experiments.stored_tests import SETTINGS, StoredTest
 from lanewise.runs import run_state, trained
 from lanewise.runs.run_folder import LARGEST_SETTINGS, RunFolder
@@ -108,15 +108,16 @@ def of_experiment(
             seed=seed,
             path=path(arm.name, seed),
             high_level=path(arm.high_level, seed) if arm.high_level else None,
-            episodes={
-                world: count
-                for world, what in zip(WORLDS, ("episodes", "highway_env_episodes"), strict=True)
-                if (count := experiment.count(arm, what))
-            },
+            episodes=_episodes(arm),
         )
         for arm in experiment.arms
-        for seed in range(first_seed, first_seed + experiment.count(arm, "seeds"))
+        for seed in range(first_seed, first_seed + arm.seeds)
     ]
+
+
+def _episodes(arm: ExperimentArm) -> dict[str, int]:
+    counts = zip(WORLDS, (arm.episodes, arm.highway_env_episodes), strict=True)
+    return {world: count for world, count in counts if count}
 
 
 def check(job: Job) -> None:
