@@ -2,7 +2,7 @@
 
 import json
 import sys
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -84,26 +84,20 @@ def test_the_operations_of_an_update_are_those_of_its_networks():
     assert settings.batch_size == suite.BATCH
 
 
-@dataclass
-class Fake:
-    """A benchmark that only says what it would have measured."""
-
-    label: str
-    outcome: object
-    part: str = "world"
-
-    def measure(self):
-        if isinstance(self.outcome, BaseException):
-            raise self.outcome
-        return Measurement("world", "a case", "lanewise", self.outcome, "things/s")
-
-
 @pytest.fixture
 def fake(monkeypatch):
-    """Replaces the table of benchmarks."""
+    """Replaces the table of benchmarks by some that only say what they would have measured."""
+
+    def measure(outcome):
+        if isinstance(outcome, BaseException):
+            raise outcome
+        return Measurement("world", "a case", "lanewise", outcome, "things/s")
 
     def replace(*outcomes):
-        found = [Fake(str(number), outcome) for number, outcome in enumerate(outcomes)]
+        found = [
+            SimpleNamespace(label=str(number), part="world", measure=partial(measure, outcome))
+            for number, outcome in enumerate(outcomes)
+        ]
         monkeypatch.setattr(suite, "benchmarks", lambda *_: found)
 
     return replace
@@ -167,11 +161,12 @@ def test_many_seeds_are_all_counted(monkeypatch):
     over = SimpleNamespace(block_until_ready=lambda: None)
     metrics = SimpleNamespace(episodes=SimpleNamespace(outcome=SimpleNamespace(over=over)))
     calls = []
-    fake = SimpleNamespace(
-        begin=lambda course, keys: len(keys),
-        advance=lambda course: lambda state: (calls.append(state) or state, metrics),
-    )
-    monkeypatch.setattr(workloads, "multi_seed", fake)
+
+    def advance(state):
+        calls.append(state)
+        return state, metrics
+
+    monkeypatch.setattr(workloads, "in_one_loop", lambda course, keys: (len(keys), advance))
     monkeypatch.setattr(workloads, "_calls_per_second", lambda call, seconds: 10.0)
     timed = workloads.many_seeds(count=3, worlds=2, seconds=0.0)
     assert set(calls) == {3}

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from test_stage import COURSE
 
+from lanewise.bench import workloads
 from lanewise.evaluation import evaluator
-from lanewise.training import multi_seed, stage, trainer
+from lanewise.training import stage, trainer
 from lanewise.training.trainer import StagePlan
 
 pytestmark = pytest.mark.slow
@@ -97,7 +98,8 @@ def test_each_entry_point_is_compiled_once():
 def test_seeds_together_are_the_seeds_alone():
     """Many seeds in one compiled loop train as each alone."""
     keys = jax.random.split(jax.random.key(5), 3)
-    states, metrics = multi_seed.advance(COURSE)(multi_seed.begin(COURSE, keys))
+    states, advance = workloads.in_one_loop(COURSE, keys)
+    states, metrics = advance(states)
     rewards = []
     for number, key in enumerate(keys):
         alone, one = stage.advance(COURSE, {}, stage.begin(COURSE, {}, key))

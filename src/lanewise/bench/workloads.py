@@ -23,7 +23,10 @@ from lanewise.learning import learner, replay
 from lanewise.learning.learner import Learner
 from lanewise.learning.replay import Replay, Transition
 from lanewise.learning.settings import LearnerSettings
-from lanewise.training import multi_seed, recipe, stage, trainer
+from lanewise.system import pinned
+from lanewise.training import recipe, stage, trainer
+from lanewise.training.rollout import StageConfig
+from lanewise.training.stage import ChunkMetrics, StageState
 from lanewise.training.trainer import StagePlan
 
 Timed = Callable[[], dict[str, Any]]
@@ -230,8 +233,7 @@ def _chunk_by_chunk(plan: StagePlan, seed: int) -> Callable[[], None]:
 def many_seeds(count: int, worlds: int, seconds: float, seed: int = 0) -> Timed:
     """Steps/s of all trainings of ``count`` seeds in one compiled loop."""
     course = training_plan(worlds, WARM_UP).config
-    advance = multi_seed.advance(course)
-    state = multi_seed.begin(course, jax.random.split(jax.random.key(seed), count))
+    state, advance = in_one_loop(course, jax.random.split(jax.random.key(seed), count))
 
     def call() -> None:
         nonlocal state
@@ -248,6 +250,20 @@ def many_seeds(count: int, worlds: int, seconds: float, seed: int = 0) -> Timed:
         return _result(rate, "steps/s, all seeds", compile_seconds=compiling)
 
     return timed
+
+
+def in_one_loop(
+    course: StageConfig, keys: jax.Array
+) -> tuple[StageState, Callable[[StageState], tuple[StageState, ChunkMetrics]]]:
+    """`stage.begin` and `stage.advance` for several random keys [S]; advancing consumes the states.
+
+    Seeds lie along the first axis of all but the count of iterations. It is one for all of them, so
+    that updates are due for all or for none.
+    """
+    axes: Any = StageState(key=0, iteration=None, learners=0, replays=0, rollouts=0)  # type: ignore[arg-type]
+    begun = jax.vmap(partial(stage.begin, course, {}), out_axes=axes)(keys)
+    advance = jax.vmap(partial(stage.advance, course, {}), in_axes=(axes,), out_axes=(axes, 0))
+    return begun, pinned.jit(donate_argnums=0)(advance)
 
 
 def _calls_per_second(call: Callable[[], None], seconds: float) -> float:
