@@ -6,11 +6,10 @@ import json
 import shlex
 import subprocess
 import sys
-from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from lanewise.report.provenance import machine, source, versions
+from lanewise.report.provenance import origin, versions
 from lanewise.system.folder_io import write_atomically
 
 ROOT = Path(__file__).parents[1]
@@ -28,13 +27,12 @@ def parse(description: str, name: str, **sizes: float) -> argparse.Namespace:
 
 def store(path: Path, figures: dict, seed: int | None = None, packages=()) -> None:
     """Write a result file; ``packages`` are those whose versions matter beside the usual ones."""
+    made = origin()
+    made["versions"] |= {name: version(name) for name in packages}
     document = {
         "command": shlex.join(["python", *sys.argv]),
         "seed": seed,
-        "versions": versions() | {name: version(name) for name in packages},
-        **source(),
-        "machine": machine(),
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        **made,
         **figures,
     }
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -12,7 +12,6 @@ run folder has them, versions, machine and date.
 import json
 import shutil
 import sys
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -41,10 +40,7 @@ def main() -> None:
         "validation": found[run],
         "candidates": last,
         "tests": {path.stem: json.loads(path.read_text()) for path in run.glob("tests/*.json")},
-        **provenance.source(),
-        "versions": provenance.versions(),
-        "machine": provenance.machine(),
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        **provenance.origin(),
     }
     (target / "provenance.json").write_text(json.dumps(story, indent=1) + "\n")
     size = sum(path.stat().st_size for path in target.iterdir()) / 1e6

@@ -4,7 +4,6 @@ import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -87,12 +86,11 @@ def run(
                 reporter.note(f"{each.label}: {figures[-1].value:,.4g} {figures[-1].unit}")
             reporter.update(number)
     compared, text = compare(figures)
+    made = provenance.origin()
+    made["versions"] |= versions or {}
     result = {
         **about,
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        **provenance.source(),
-        "machine": provenance.machine(),
-        "versions": provenance.versions() | dict(versions or {}),
+        **made,
         "figures": [asdict(figure) for figure in figures],
         **compared,
         "failed": failed,

@@ -1,7 +1,6 @@
 """From the results of an experiment to its report: Markdown, one offline page, JSON, figures."""
 
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -67,18 +66,13 @@ def _draw(
     times: Mapping[str, float],
 ) -> str:
     """Write the report into an empty folder; its tables as text."""
-    made = {
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        **provenance.source(),
-        "versions": provenance.versions(),
-        "machine": provenance.machine(),
-    }
     drawn = figures.write(out, results)
     clip.render(_shown(results).seeds[0].record(), out / "clip.gif")
     drives.write(out, results)
     lines = [line for result in _in_curves(results) for line in result.seeds[0].whole_training]
     if chunks := [line for line in lines if line["kind"] == "chunk"]:
         save(training_curves.draw_stages(chunks), out / "curves")
+    made = provenance.origin()
     data = ReportData(experiment, command, results, _ledger(results), drawn, made, times)
     text = _markdown(data)
     write_text(out / "report.json", report_data.as_json(data))

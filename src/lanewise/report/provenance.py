@@ -3,6 +3,7 @@
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,12 @@ from lanewise.system.version import commit_of
 from lanewise.system.version import source as source
 
 PACKAGES = ("lanewise", "jax", "jaxlib", "optax", "numpy", "gymnasium", "highway-env")
+
+
+def origin() -> dict[str, Any]:
+    """Of a result that is made now: date, code, versions and machine."""
+    date = datetime.now(UTC).isoformat(timespec="seconds")
+    return {"date": date, **source(), "versions": versions(), "machine": machine()}
 
 
 def versions() -> dict[str, str]:

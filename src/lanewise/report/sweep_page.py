@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from lanewise.report.figure_style import save
 from lanewise.report.markup import cell as plain
 from lanewise.report.markup import code, finite
 from lanewise.report.output_files import write_text
-from lanewise.report.provenance import machine, source, versions
+from lanewise.report.provenance import origin
 from lanewise.report.sweep_map import MapAxes, figure_of
 
 TITLES = {
@@ -82,11 +81,8 @@ def to_json(sweep: SweepResult) -> dict[str, Any]:
         "controller": sweep.controller,
         "training_seed": sweep.training_seed,
         "trained_by": dict(sweep.trained_by),
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": sweep.command,
-        **source(),
-        "versions": versions(),
-        "machine": machine(),
+        **origin(),
         "episodes_per_start": sweep.episodes,
         "seed": sweep.seed,
         "clearance": sweep.clearance,
