@@ -19,14 +19,8 @@ ENDING = 5.0
 BRAKING = 5.0
 """The first timesteps, in which both slow down, s."""
 MEASURES = ("success", "reward", "speed")
-"""What the paper's training figure shows; reward is that of a decision, as lengths differ."""
-
-
-def measure(line: Mapping[str, Any], name: str) -> float:
-    """A measure of a training episode; success is the paper's."""
-    if name == "reward":
-        return float(line["reward"]) / max(1, int(line["decisions"]))
-    return float(line["escaped" if name == "success" else name])
+"""What the paper's training figure shows: its success, and the reward of a decision, as lengths
+differ."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +108,12 @@ class Evidence:
         return max(EXPLORING, self.settled)
 
     def _values(self, name: str) -> NDArray[np.float64]:
-        return np.array([measure(line, name) for line in self.training], np.float64)
+        """A measure by training episode."""
+        if name == "reward":
+            values = [line["reward"] / max(1, line["decisions"]) for line in self.training]
+        else:
+            values = [line["escaped" if name == "success" else name] for line in self.training]
+        return np.array(values, np.float64)
 
 
 def _mean(values: NDArray[np.float64]) -> float:
