@@ -6,10 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lanewise.evaluation.episodes import Episodes, Recording
+from lanewise.evaluation.episodes import Recording
 from lanewise.experiments import claims, reporting
 from lanewise.experiments.claims import Seed
 from lanewise.experiments.evidence import Evidence
+from untrusted_files import made_up_episodes
 
 
 def training(success, reward=1.0, speed=10.0, noise=0.0):
@@ -29,17 +30,13 @@ def training(success, reward=1.0, speed=10.0, noise=0.0):
 
 def outcomes(success, accidents, count=100, reward=0.0):
     """Tests in which those that had an accident are the last; whoever succeeds escaped at 9 s."""
-    zero = np.zeros(count)
-    return Episodes(
-        success=np.arange(count) < success,
-        accident=(np.arange(count) >= count - accidents).astype(np.int8),
-        accumulated_reward=zero + reward,
-        average_speed=zero,
-        travel_distance=zero,
-        duration=zero,
-        escape_time=np.where(np.arange(count) < success, 9.0, np.nan),
-        goals=zero.astype(int),
-        goals_timed_out=zero.astype(int),
+    number = np.arange(count)
+    return replace(
+        made_up_episodes(0, count),
+        success=number < success,
+        accident=(number >= count - accidents).astype(np.int8),
+        accumulated_reward=np.full(count, reward),
+        escape_time=np.where(number < success, 9.0, np.nan),
     )
 
 

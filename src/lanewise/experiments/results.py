@@ -86,7 +86,7 @@ class SeedResult:
         """The code its run was made with; None for a reference driver."""
         return RunFolder.open(self.job.path).source if self.job.trains else None
 
-    @property
+    @cached_property
     def paired(self) -> Paired | None:
         """The same starts in both worlds; None where it was tested in one alone."""
         if len(self.tests) < len(WORLDS):
