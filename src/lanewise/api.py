@@ -95,7 +95,7 @@ class Evaluation:
         beside = place.with_suffix(".csv")
         output_files.check_writable(beside)
         output_files.write_text(place, json.dumps(self.summary.to_json(), indent=2) + "\n")
-        output_files.write_csv(beside, self.episodes)
+        output_files.write_text(beside, metrics.to_csv(self.episodes))
 
 
 def train(

@@ -45,10 +45,10 @@ def test_evaluate_prints_one_json_object_and_a_line_per_episode(whole, capsys, t
 
 
 def test_episodes_that_cannot_be_written_cost_no_figures(whole, capsys, tmp_path, monkeypatch):
-    def full(path, episodes):
+    def full(path, text):
         raise LanewiseError(f"cannot write {path}: No space left on device")
 
-    monkeypatch.setattr(output_files, "write_csv", full)
+    monkeypatch.setattr(output_files, "write_text", full)
     out = ["--episodes-out", str(tmp_path / "e.csv")]
     assert main(["evaluate", str(whole), "--episodes", "5", *out]) == 2
     said = capsys.readouterr()

@@ -69,20 +69,14 @@ def test_continuous_answers_may_differ_by_rounding():
         decide(SEEN, ALL, decision == 0)
 
 
+# `tests/envs/test_single.py` has a list of what is no action.
 RETURNED = {
-    "too large": (0, lambda seen: np.full((len(seen), 2), 1e39)),
     "beyond the limit": (0, lambda seen: np.full((len(seen), 2), 1.5)),
-    "not a number": (0, lambda seen: np.full((len(seen), 2), np.nan)),
-    "complex": (0, lambda seen: np.full((len(seen), 2), 0.5 + 1j)),
-    "truth": (0, lambda seen: np.full((len(seen), 2), True)),
     "shape": (9, lambda seen: np.zeros((7, 3))),
     "unknown": (9, lambda seen: np.full(len(seen), 9)),
-    "fraction": (9, lambda seen: np.full(len(seen), 1.5)),
     "ragged": (9, lambda seen: [[4]] + [[4, 4]] * (len(seen) - 1)),
-    "text": (9, lambda seen: ["4"] * len(seen)),
     "one text": (9, lambda seen: "4"),
     "nothing": (9, lambda seen: None),
-    "objects": (9, lambda seen: np.full(len(seen), 4, object)),
     "one shape, then another": (9, lambda seen: [4] * (1 + (seen[0] > 0))),
 }
 

@@ -71,5 +71,5 @@ def run(parsed: Parsed[Evaluate]) -> int:
     table = evaluation_table.text([summary])
     sys.stdout.write(json.dumps(summary.to_json()) + "\n" if command.json else table)
     if command.episodes_out is not None:
-        output_files.write_csv(command.episodes_out, episodes)
+        output_files.write_text(command.episodes_out, metrics.to_csv(episodes))
     return 0

@@ -28,10 +28,10 @@ class Metric:
     """Short name for people."""
     meaning: str
     outcomes: Callable[[Episodes], NDArray[Any]]
-    """[E] what it is the mean of, bool for a share, NaN where an episode says nothing; or what a
-    ratio of sums has above."""
-    below: Callable[[Episodes], NDArray[Any]] | None = None
-    """[E] what a ratio of sums has below."""
+    """[E] what it is the mean of, bool for a share, NaN where an episode says nothing; or the
+    numerators of a ratio of sums."""
+    denominators: Callable[[Episodes], NDArray[Any]] | None = None
+    """[E] of a ratio of sums."""
     unit: str = ""
     """Unit of the stored value; empty for plain numbers, and for rates, which are fractions."""
     counted: str = ""
@@ -42,8 +42,8 @@ class Metric:
     def compute(self, episodes: Episodes) -> tuple[float, Interval]:
         """Value and 95 % interval of a set of episodes; NaN where there is none."""
         values = self.outcomes(episodes)
-        if self.below is not None:
-            return _ratio(values, self.below(episodes), share=self.rate)
+        if self.denominators is not None:
+            return _ratio(values, self.denominators(episodes), share=self.rate)
         return _share(values) if self.rate else _mean(values)
 
 
@@ -246,17 +246,12 @@ class Paired:
     differing: tuple[int, ...]
     """Starts whose success or accident differs."""
 
-    @property
-    def share(self) -> float:
-        """Share of pairs with the same success and the same accident, a fraction of 1."""
-        return 1.0 - len(self.differing) / self.episodes
-
     def to_json(self) -> dict[str, Any]:
         """One object for JSON."""
         return {
             "episodes": self.episodes,
             "identical": self.episodes - len(self.differing),
-            "share": self.share,
+            "share": 1.0 - len(self.differing) / self.episodes,
             "differing": list(self.differing),
         }
 

@@ -8,8 +8,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from lanewise.errors import LanewiseError
-from lanewise.evaluation.episodes import Episodes
-from lanewise.evaluation.metrics import to_csv
 from lanewise.runs.run_folder import require_outside
 
 
@@ -62,8 +60,3 @@ def write_text(path: Path | str, text: str) -> None:
     """Write a text file as UTF-8."""
     with replacing(path) as beside:
         beside.write_text(text, encoding="utf-8", newline="\n")
-
-
-def write_csv(path: Path | str, episodes: Episodes) -> None:
-    """Write test episodes, one row each."""
-    write_text(path, to_csv(episodes))
