@@ -54,7 +54,7 @@ class ComparisonPage:
 
 Section = tuple[str, Sequence[str], Sequence[Sequence[str]]]
 """A table's title, what stands below the metrics' titles, and rows: a label, then a cell for each
-metric, with a value and below it what belongs to it."""
+metric, with a value and in parentheses what belongs to it."""
 
 
 def text(page: ComparisonPage) -> str:
@@ -66,11 +66,11 @@ def text(page: ComparisonPage) -> str:
     ]
     parts = ["\n".join(one_line(line) for line in runs + _arms(page.comparison)), _test(page) + "."]
     for title, units, rows in _sections(page.comparison):
-        blocks = [title]
+        blocks, below = [title], [[one.replace(" (", "\n(") for one in row] for row in rows]
         for first in range(0, len(COMPARED), COLUMNS):
             some = slice(first, first + COLUMNS)
             heads = [["", *(metric.title for metric in COMPARED[some])], ["", *units[some]]]
-            blocks.append(tables.text(heads, [[label, *cells[some]] for label, *cells in rows]))
+            blocks.append(tables.text(heads, [[label, *cells[some]] for label, *cells in below]))
         parts.append("\n".join(blocks))
     parts.append("\n".join(["Settings that differ", *map(one_line, _settings(page))]))
     return "\n\n".join([*parts, "\n".join(_notes(page.comparison))]) + "\n"
@@ -87,7 +87,7 @@ def markdown(page: ComparisonPage) -> str:
     for section, units, rows in _sections(page.comparison):
         titles = zip((metric.title for metric in COMPARED), units, strict=True)
         heads = ["", *(cell(", ".join(filter(None, head))) for head in titles)]
-        shown = [[label, *map(_on_one_line, cells)] for label, *cells in rows]
+        shown = [list(map(cell, row)) for row in rows]
         parts += [f"## {cell(section)}", tables.markdown(heads, shown)]
     parts += ["## Settings that differ", "\n".join(f"- {cell(line)}" for line in _settings(page))]
     packages = (f"{name} {number}" for name, number in versions().items())
@@ -150,7 +150,7 @@ def _sections(comparison: Comparison) -> list[Section]:
     """The tables: runs, differences to the first, and over seeds where an arm has several."""
     units = [unit(metric) for metric in COMPARED]
     runs = [
-        [_letter(i), *(tables.with_interval(m, each).replace(" (", "\n(") for m in COMPARED)]
+        [_letter(i), *(tables.with_interval(m, each) for m in COMPARED)]
         for i, each in enumerate(comparison.summaries)
     ]
     differences = [
@@ -164,14 +164,14 @@ def _sections(comparison: Comparison) -> list[Section]:
     if not comparison.has_seeds:
         return found
     means = [
-        [str(i), *(tables.estimated(m, arm.interquartile_mean[m.name], "\n") for m in COMPARED)]
+        [str(i), *(tables.estimated(m, arm.interquartile_mean[m.name]) for m in COMPARED)]
         for i, arm in enumerate(comparison.arms, 1)
     ]
     found.append(("Interquartile mean over the seeds of an arm", units, means))
     ways = ["fewer" if metric.name in FEWER_IS_BETTER else "more" for metric in COMPARED]
     for over in range(len(comparison.arms) - 1):
         chances = [
-            [str(each.arm + 1), *(tables.chance(each.probability[m.name], "\n") for m in COMPARED)]
+            [str(each.arm + 1), *(tables.chance(each.probability[m.name]) for m in COMPARED)]
             for each in comparison.improvements
             if each.over == over
         ]
@@ -182,16 +182,9 @@ def _sections(comparison: Comparison) -> list[Section]:
 def _difference(metric: Metric, found: Difference) -> str:
     value = number(metric, found.value, "+")
     if not isinstance(found, RateDifference):
-        return f"{value}\n{bounds(metric, found.interval)}".rstrip()
+        return f"{value} {bounds(metric, found.interval)}".rstrip()
     p_value = f"p {found.p_value:.3f}" if found.p_value >= 0.001 else "p <0.001"
-    return f"{value}\n+{found.only_second} -{found.only_first}\n{p_value}"
-
-
-def _on_one_line(lines: str) -> str:
-    """A value with what belongs below it in parentheses, where an interval stands already."""
-    value, *more = lines.split("\n")
-    below = ", ".join(more)
-    return cell(f"{value} {below if below.startswith('(') or not below else f'({below})'}".rstrip())
+    return f"{value} (+{found.only_second} -{found.only_first}, {p_value})"
 
 
 def _plain(figures: Mapping[str, Estimate | Difference]) -> dict[str, Any]:

@@ -106,15 +106,15 @@ def with_interval(metric: Metric, summary: Summary) -> str:
     return f"{shown} {bounds(metric, summary.intervals.get(metric.name))}".rstrip()
 
 
-def estimated(metric: Metric, found: Estimate, gap: str = " ") -> str:
+def estimated(metric: Metric, found: Estimate) -> str:
     """A metric over seeds with its interval."""
-    return f"{number(metric, found.value)}{gap}{bounds(metric, found.interval)}".rstrip()
+    return f"{number(metric, found.value)} {bounds(metric, found.interval)}".rstrip()
 
 
-def chance(found: Estimate, gap: str = " ") -> str:
+def chance(found: Estimate) -> str:
     """A probability with its interval."""
     low, high = found.interval
-    return f"{found.value:.2f}" + (f"{gap}({low:.2f}, {high:.2f})" if isfinite(low) else "")
+    return f"{found.value:.2f}" + (f" ({low:.2f}, {high:.2f})" if isfinite(low) else "")
 
 
 def spread(values: Sequence[float], places: int) -> str:
