@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lanewise.errors import LanewiseError
 from lanewise.report.markup import line
 from lanewise.report.output_files import replacing
 from lanewise.system.extras import needed_for
@@ -90,9 +89,7 @@ def save(figure: Figure, path: Path, suffixes: Iterable[str] = FORMATS) -> None:
 
 def styles(titles: Iterable[str]) -> dict[str, Style]:
     """A style for each title: controllers keep their own, others take what is left, in order."""
-    titles = list(dict.fromkeys(titles))
-    if len(titles) > len(STYLES):
-        raise LanewiseError(f"a figure can tell {len(STYLES)} curves apart, not {len(titles)}")
+    titles = list(titles)
     own = {title: OWN[title.lower()] for title in titles if title.lower() in OWN}
     left = iter(number for number in range(len(STYLES)) if number not in own.values())
     return {title: STYLES[own[title] if title in own else next(left)] for title in titles}

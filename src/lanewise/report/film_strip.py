@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import ACCIDENTS, Recording
 from lanewise.report import figure_style as style
 from lanewise.report import road_shapes
@@ -15,8 +14,6 @@ TIMES = (1.0, 2.0, 3.0, 4.0, 9.0, 18.0)
 """The paper's moments, s."""
 SEEN = (-30.0, 52.0)
 """Stretch of road in a frame, m from the ego's centre."""
-MOST = 2
-"""More columns would leave no room for the words below the frames."""
 LEFT, GAP, TOP, BOTTOM = 0.7, 0.22, 0.56, 0.42
 """Margins of the figure and the gap between columns, inches."""
 CAPTION = 0.27
@@ -31,15 +28,9 @@ def draw(columns: Mapping[str, Recording], *, times: Sequence[float] = TIMES) ->
 
     Under each frame stand the reward r_t of the decision that ended at t, the accumulated reward
     R_t (one a second) and the speed; right of them, what has become of the ego. The view follows
-    the ego. After its end an episode stands still, and has no r_t.
-
-    Raises:
-        LanewiseError: if there is no recording or no moment, or too many recordings.
+    the ego. After its end an episode stands still, and has no r_t. More than two columns would
+    leave no room for the words.
     """
-    if not columns or not times:
-        raise LanewiseError("a film strip needs a recording and a moment")
-    if len(columns) > MOST:
-        raise LanewiseError(f"a film strip holds {MOST} recordings, not {len(columns)}")
     width = (style.WIDTH - LEFT - 0.1 - GAP * (len(columns) - 1)) / len(columns)
     inch = width / (SEEN[1] - SEEN[0])
     frame_height = inch * max(np.diff(_across(each))[0] for each in columns.values())

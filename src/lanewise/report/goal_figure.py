@@ -31,10 +31,8 @@ def draw(recording: Recording) -> Figure:
     ended one.
 
     Raises:
-        LanewiseError: if the controller has no goals, or the recording no decision.
+        LanewiseError: if the controller has no goals.
     """
-    if len(recording.time) < 2:
-        raise LanewiseError("a recording without a decision has no goals to draw")
     if (recording.goal_lane < 0).all():
         raise LanewiseError(f"{recording.controller} sets no goals; there is nothing to draw")
     found = _events(recording)

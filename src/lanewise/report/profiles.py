@@ -4,13 +4,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lanewise.errors import LanewiseError
 from lanewise.evaluation.episodes import Recording
 from lanewise.report import figure_style as style
 from lanewise.report.figure_style import Axes, Figure, Floats, Line2D, Look, Style
 
 Arms = Mapping[str, Sequence[Recording]]
-"""By a controller's title: recordings of the same length of test."""
+"""By a controller's title: recordings of the same length of test and decision rate."""
 
 QUANTILES = (0.1, 0.9)
 PANELS = (
@@ -28,15 +27,9 @@ def draw(arms: Arms) -> Figure:
     Curves are means over the episodes still under way, and end with the shortest that had no
     accident; bands hold the middle 80 %. An accident is a cross: from then on its episode counts in
     the accumulated reward only, penalty included.
-
-    Raises:
-        LanewiseError: if there is no arm, an arm without a recording, recordings of one arm with
-            different decision rates, or too many arms.
     """
-    if not arms:
-        raise LanewiseError("there is no recording to draw")
     looks = style.styles(arms)
-    times = {title: _times(title, runs) for title, runs in arms.items()}
+    times = {title: _times(runs) for title, runs in arms.items()}
     figure = Figure(figsize=(style.WIDTH, 6.4), layout="constrained")
     panels = style.panels(figure, len(PANELS))
     for axes, (name, label) in zip(panels, PANELS, strict=True):
@@ -51,18 +44,12 @@ def draw(arms: Arms) -> Figure:
     return figure
 
 
-def _times(title: str, recordings: Sequence[Recording]) -> Floats:
+def _times(recordings: Sequence[Recording]) -> Floats:
     """The times of an arm's profile, as far as its shortest recording without an accident goes."""
-    if not recordings:
-        raise LanewiseError(f"{title}: there is no recording to draw")
     whole = [recording for recording in recordings if not recording.accident]
     longest = max(recordings, key=lambda recording: len(recording.time))
     limit = min((run.time[-1] for run in whole), default=longest.time[-1])
     time: Floats = longest.time[longest.time <= limit + 1e-9]
-    for recording in recordings:
-        common = min(len(time), len(recording.time))
-        if not np.allclose(recording.time[:common], time[:common]):
-            raise LanewiseError(f"{title}: recordings with different decision rates")
     return time
 
 

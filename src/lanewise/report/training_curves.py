@@ -44,12 +44,10 @@ def draw(arms: Arms, *, settled: Mapping[str, float] | None = None) -> Figure:
         settled: by title, the episode at which epsilon came to its final value, which is marked.
 
     Raises:
-        LanewiseError: if there is no arm, an arm without an episode, or too many arms.
+        LanewiseError: if a training has no finished episode.
     """
-    if not arms:
-        raise LanewiseError("there is no training to draw")
     for title, seeds in arms.items():
-        if not seeds or not all(len(rows) for rows in seeds):
+        if not all(seeds):
             raise LanewiseError(f"{title}: a training without a finished episode cannot be drawn")
     looks, marks = style.styles(arms), settled or {}
     figure, panels = _panels()
@@ -70,12 +68,7 @@ def draw_stages(rows: Rows) -> Figure:
     """Every stage of a run: its metrics rows, pale, and their running mean over 5 % of the stage.
 
     A vertical mark shows where exploration has come down to its final epsilon.
-
-    Raises:
-        LanewiseError: if there is no row.
     """
-    if not rows:
-        raise LanewiseError("there are no metrics to draw; train first")
     stages = list(dict.fromkeys(str(row["stage"]) for row in rows))
     figure, panels = _panels()
     for axes, (column, _, factor) in zip(panels, PANELS, strict=True):
