@@ -3,6 +3,7 @@
 import shutil
 
 import pytest
+from small_runs import everything
 
 from lanewise.cli.main import main
 from lanewise.errors import RunError
@@ -13,10 +14,6 @@ QUICK = experiment.load("quick")
 
 def command(out, *words):
     return ["reproduce", "--out", str(out), "--highway-env-episodes", "0", *words]
-
-
-def everything(out):
-    return {path: path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()}
 
 
 @pytest.fixture

@@ -74,12 +74,11 @@ class ReportData:
     @property
     def paired(self) -> dict[str, dict[int, Paired]]:
         """By arm and seed: the same starts in both worlds."""
-        found: dict[str, dict[int, Paired]] = {}
-        for result in self.results:
-            for seed in result.seeds:
-                if seed.paired is not None:
-                    found.setdefault(result.arm.name, {})[seed.job.seed] = seed.paired
-        return found
+        found = {
+            arm.arm.name: {each.job.seed: each.paired for each in arm.seeds if each.paired}
+            for arm in self.results
+        }
+        return {name: pairs for name, pairs in found.items() if pairs}
 
 
 def as_json(data: ReportData) -> str:
