@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from lanewise.driving import observation, percept
-from lanewise.driving.settings import ObservationSettings
+from lanewise.driving.settings import DrivingSettings, ObservationSettings
 from lanewise.driving.task_functions import TaskFunctions
+from lanewise.interop import highway_env_evaluation
 from lanewise.interop.highway_env import build_env
 from small_worlds import change, make_world
 
@@ -49,6 +50,15 @@ def test_observation_is_highway_envs_kinematics_on_random_worlds(lanes, count):
         y = rng.uniform(-1.0, 4.0 * lanes - 3.0, count)
         speed, heading = rng.uniform(0.0, 30.0, count), rng.uniform(-0.5, 0.5, count)
         observed(world_of(rng.uniform(0.0, 60.0) + others, y, speed, heading, lanes))
+
+
+def test_features_that_somebody_edited_leave_the_comparison_with_highway_env(monkeypatch):
+    world = world_of([0.0, 12.0], [0.0, 4.0], 9.0)
+    ours = rows_of(FEATURES(THEIRS, world))
+    monkeypatch.setattr(observation, "features", lambda settings, world: jnp.zeros(27))
+    batch = jax.tree.map(lambda leaf: leaf[None], world)
+    found = highway_env_evaluation._expected(DrivingSettings(), batch)
+    np.testing.assert_allclose(found, ours[None], atol=1e-12)
 
 
 @pytest.mark.parametrize("count", [1, 3])

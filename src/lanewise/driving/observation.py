@@ -84,8 +84,12 @@ def raw(world: World, perception_distance: float) -> tuple[Array, Array]:
     return rows, offset
 
 
-def features(settings: ObservationSettings, world: World) -> Array:
-    """The scaled observation, [26]; see `ObservationSettings` for the two scalings."""
+def scaled(settings: ObservationSettings, world: World) -> tuple[Array, Array, Array]:
+    """The features of `raw`, scaled and clipped; see `ObservationSettings` for the two scalings.
+
+    Returns:
+        ([5] the ego's row, [4, 5] rows of the others, [] lane offset).
+    """
     rows, offset = raw(world, settings.perception_distance)
     width = jnp.sum(jnp.where(world.road.present, world.road.width, 0.0))
     half_lane = world.road.width[0] / 2.0
@@ -106,5 +110,10 @@ def features(settings: ObservationSettings, world: World) -> Array:
     dtype = rows.dtype
     ego = jnp.clip(rows[0] / jnp.asarray(ego_ranges, dtype), -limit, limit)
     others = jnp.clip(rows[1:] / jnp.asarray(other_ranges, dtype), -limit, limit)
-    lane = jnp.clip(offset / half_lane, -limit, limit)
+    return ego, others, jnp.clip(offset / half_lane, -limit, limit)
+
+
+def features(settings: ObservationSettings, world: World) -> Array:
+    """The observation of a controller, [26]."""
+    ego, others, lane = scaled(settings, world)
     return jnp.concatenate([ego, lane[None], others.reshape(-1)])

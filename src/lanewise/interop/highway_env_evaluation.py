@@ -114,8 +114,8 @@ def _batch_of_one(drive: Drive) -> Drive:
 def _expected(driving: DrivingSettings, world: World) -> Array:
     """The observation highway-env should make of a world, [1, 5, 5]; the world is [1]."""
     theirs = replace(driving.observation, scaling="highway-env", perception_distance=200.0)
-    features = jax.vmap(lambda world: observation.features(theirs, world))(world)
-    return jnp.delete(features, observation.LANE_OFFSET, axis=1).reshape(1, 5, 5)
+    ego, others, _ = jax.vmap(lambda world: observation.scaled(theirs, world))(world)
+    return jnp.concatenate([ego[:, None], others], axis=1)
 
 
 def _check(theirs: Any, ours: Array) -> None:
