@@ -1,7 +1,10 @@
 """A run trained with the user's own start, observation, reward and success."""
 
 import dataclasses
+import sys
 from functools import partial
+from importlib.machinery import ModuleSpec
+from types import ModuleType
 
 import jax
 import jax.numpy as jnp
@@ -164,6 +167,8 @@ def test_a_lender_with_other_parts_is_refused_before_a_run_is_made(tmp_path, cap
     assert main(["train", "hierarchical", "--out", str(run), "--high-level", str(lender)]) == 2
     assert "was made with observe: " in capsys.readouterr().err
     assert not run.exists()
+    with pytest.raises(RunError, match=r"give the same functions, not reward: mine\.hurry"):
+        RunFolder.open(lender).check_parts(("reward: mine.hurry",))
 
 
 def test_functions_of_every_kind_have_a_name_that_stays():
@@ -182,6 +187,18 @@ def test_functions_of_every_kind_have_a_name_that_stays():
         assert found.startswith(f"reward: test_own_task_functions.{name}")
     task = lanewise.TaskFunctions(reward=partial(weighted, 2.0))
     assert task.validate(TrapSettings(), DrivingSettings()) == 26
+
+
+def test_functions_of_a_script_are_called_as_where_it_is_imported(monkeypatch):
+    script = ModuleType("__main__")
+    monkeypatch.setitem(sys.modules, "__main__", script)
+    monkeypatch.setattr(hurry, "__module__", "__main__")
+    task = lanewise.TaskFunctions(reward=hurry)
+    assert task.names() == ("reward: __main__.hurry",)  # in a notebook
+    script.__file__ = "/somewhere/mine.py"
+    assert task.names() == ("reward: mine.hurry",)
+    script.__spec__ = ModuleSpec("tools.mine", None)  # python -m tools.mine
+    assert task.names() == ("reward: tools.mine.hurry",)
 
 
 def test_what_cannot_be_compiled_with_is_refused_when_parts_are_made():

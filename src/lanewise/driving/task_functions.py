@@ -1,9 +1,11 @@
 """What of the decision process may be replaced by a user's functions."""
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -184,7 +186,13 @@ def _name(function: Any) -> str:
 def _module(function: Any) -> str:
     while isinstance(function, partial):
         function = function.func
-    return str(getattr(function, "__module__", None) or type(function).__module__)
+    name = str(getattr(function, "__module__", None) or type(function).__module__)
+    if name not in ("__main__", "__mp_main__"):
+        return name
+    # A script's functions are called as they are where another script imports them.
+    main = sys.modules["__main__"]
+    spec, file = getattr(main, "__spec__", None), getattr(main, "__file__", None)
+    return str(spec.name) if spec else Path(file).stem if file else "__main__"
 
 
 def _plain(value: Any) -> str:

@@ -31,7 +31,7 @@ from lanewise import config
 from lanewise.config import validation
 from lanewise.config.settings import Settings
 from lanewise.controllers.registry import STEP_1, TRAINABLE
-from lanewise.errors import RunError, SettingsError
+from lanewise.errors import RunError, SettingsError, brief
 from lanewise.fields.ranges import SEEDS
 from lanewise.system import process, safe_io, version
 from lanewise.system.folder_io import PARTIAL, OpenFolder, lock, make_locked, write_atomically
@@ -194,10 +194,10 @@ class RunFolder:
         if self.task == task:
             return
         made = "; ".join(self.task) or "no task functions of the user's own"
+        given = "; ".join(task)
         calls = "lanewise.evaluate(run, task=...), lanewise.train(..., task=...)"
-        remedy = (
-            f"give the same functions: {calls}" if self.task else f"leave out {'; '.join(task)}"
-        )
+        instead = f", not {given}" if task else f": {calls}"
+        remedy = f"give the same functions{instead}" if self.task else f"leave out {given}"
         raise RunError(f"{self.path} was made with {made}\n  {remedy}")
 
     def other_code(self) -> str:
@@ -344,7 +344,7 @@ def _read_manifest(file: Path) -> dict[str, Any]:
     if manifest.get("digest") != safe_io.digest(manifest):
         raise RunError(f"{file} was altered: its digest is not its own")
     if manifest["controller"] not in TRAINABLE:
-        raise RunError(f"{file} trains an unknown controller")
+        raise RunError(f'{file} trains an unknown controller, "{brief(manifest["controller"])}"')
     _check_seed(manifest["seed"], f"{file} is damaged: ")
     return manifest
 
