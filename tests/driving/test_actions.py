@@ -35,4 +35,5 @@ def test_index_is_the_inverse_of_signs():
 )
 def test_shares_of_the_commands_are_clipped(shares, expected):
     settings = ActionSettings(acceleration=2.0, steering=0.1)
-    np.testing.assert_allclose(actions.shared(settings, jnp.array(shares)), expected, rtol=1e-6)
+    found = COMMANDS(settings, jnp.array(shares), jnp.dtype(jnp.float32))
+    np.testing.assert_allclose(found, expected, rtol=1e-6)

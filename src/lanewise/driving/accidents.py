@@ -4,7 +4,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from lanewise.world import road
-from lanewise.world.state import World, select_by_index
+from lanewise.world.state import World
 
 NONE, COLLISION, OFF_ROAD, STOPPED = 0, 1, 2, 3
 """Accident codes; where several happen at once the first of the list is reported."""
@@ -25,13 +25,6 @@ def ego_accident(world: World, stopped_speed: float) -> Array:
 def off_road(world: World) -> Array:
     """Whether the ego's centre is outside its nearest lane; bool []."""
     x, y = world.vehicles.x[0], world.vehicles.y[0]
-    lane = road.closest_lane(world.road, x, y)
-    aside = jnp.abs(road.lateral_offset(world.road, lane, y))
-    along = x - select_by_index(world.road.start, lane)
-    length = select_by_index(world.road.end, lane) - select_by_index(world.road.start, lane)
-    on_lane = (
-        (aside <= select_by_index(world.road.width, lane) / 2)
-        & (along >= -road.END_MARGIN)
-        & (along < length + road.END_MARGIN)
-    )
-    return ~on_lane
+    on_lanes = road.lanes_within(world.road, x, y, world.road.width / 2)
+    nearest = road.lane_bit(road.closest_lane(world.road, x, y))
+    return (on_lanes & nearest) == 0

@@ -29,28 +29,16 @@ def index(acceleration_sign: Array, steering_sign: Array) -> Array:
 
 
 def commands(settings: ActionSettings, action: Array, dtype: jnp.dtype) -> tuple[Array, Array]:
-    """Commands of an action: (acceleration in m/s^2, steering in rad, positive to the right)."""
-    acceleration, steering = signs(action)
-    return (
-        acceleration.astype(dtype) * settings.acceleration,
-        steering.astype(dtype) * settings.steering,
-    )
+    """Commands of an action: (acceleration in m/s^2, steering in rad, positive to the right).
 
-
-def shared(settings: ActionSettings, shares: Array) -> tuple[Array, Array]:
-    """Commands of a continuous action: (acceleration in m/s^2, steering in rad).
-
-    The shares [2] of the sizes in the settings are clipped to [-1, 1].
+    A low-level action is an index, int32 []. A continuous one, float [2], holds shares of the sizes
+    in the settings; they are clipped to [-1, 1].
     """
-    shares = jnp.clip(shares, -1.0, 1.0)
-    return shares[0] * settings.acceleration, shares[1] * settings.steering
-
-
-def of_any(settings: ActionSettings, action: Array, dtype: jnp.dtype) -> tuple[Array, Array]:
-    """Commands of a discrete action, int32 [], or of a continuous one, float [2]."""
     if jnp.issubdtype(action.dtype, jnp.floating):
-        return shared(settings, action)
-    return commands(settings, action, dtype)
+        acceleration, steering = jnp.clip(action, -1.0, 1.0)
+    else:
+        acceleration, steering = (sign.astype(dtype) for sign in signs(action))
+    return acceleration * settings.acceleration, steering * settings.steering
 
 
 def checked(given: Any, count: int, shape: tuple[int, ...], wanted: str) -> NDArray[Any]:

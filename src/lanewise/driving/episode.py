@@ -106,24 +106,12 @@ def step(
     duration: int,
     task: TaskFunctions = PAPER_TASK,
 ) -> Episode:
-    """The episode after one decision: a low-level action, int32 [], the ticks, reward and endings.
+    """The episode after one decision: an action of `actions.commands`, ticks, reward and endings.
 
     It is truncated after ``duration`` decisions. `Episode.outcome` says what the decision led to.
     """
     dtype = episode.world.vehicles.x.dtype
     acceleration, steering = actions.commands(settings.actions, action, dtype)
-    return step_with_commands(settings, episode, acceleration, steering, duration, task)
-
-
-def step_with_commands(
-    settings: DrivingSettings,
-    episode: Episode,
-    acceleration: Array,
-    steering: Array,
-    duration: int,
-    task: TaskFunctions = PAPER_TASK,
-) -> Episode:
-    """As `step`, with any acceleration, m/s^2, and steering, rad, positive to the right."""
     world = bicycle.command(episode.world, acceleration, steering)
     world = tick.run(world, settings.tick_duration, settings.ticks_per_decision)
     return evaluate_step(settings, episode, world, steering, duration, task)

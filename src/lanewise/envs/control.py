@@ -62,10 +62,7 @@ class DirectControl:
 
     def drive(self, config: EnvConfig, state: Episode, memory: tuple[()], action: Array) -> Driven:
         """One decision."""
-        commands = actions.of_any(config.driving.actions, action, state.world.vehicles.x.dtype)
-        after = episode.step_with_commands(
-            config.driving, state, *commands, config.duration, config.task
-        )
+        after = episode.step(config.driving, state, action, config.duration, config.task)
         return after, memory, after.outcome.reward
 
 

@@ -229,10 +229,7 @@ def step(config: EvaluationConfig, drive: Drive, memory: Memory, action: Array) 
     ``memory`` is the controller's after the decision, ``action`` an int32 [] low-level action, or
     for continuous ones float [2] from -1 to 1.
     """
-    commands = actions.of_any(config.driving.actions, action, drive.percept.x.dtype)
-    after = episode.step_with_commands(
-        config.driving, drive.episode, *commands, config.duration, config.task
-    )
+    after = episode.step(config.driving, drive.episode, action, config.duration, config.task)
     return _next(config, drive, memory, after)
 
 
@@ -240,7 +237,7 @@ def conclude(
     config: EvaluationConfig, drive: Drive, memory: Memory, action: Array, world: World
 ) -> Drive:
     """As `step`, given the world after the decision, which another simulator has made."""
-    _, steering = actions.of_any(config.driving.actions, action, drive.percept.x.dtype)
+    _, steering = actions.commands(config.driving.actions, action, drive.percept.x.dtype)
     after = episode.evaluate_step(
         config.driving, drive.episode, world, steering, config.duration, config.task
     )

@@ -1,5 +1,7 @@
 """Where a vehicle is on the road: its lane, and its place relative to any lane."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 from jax import Array
 
@@ -86,19 +88,7 @@ def occupied_lanes(road: Road, x: Array, y: Array) -> Array:
     A vehicle between two lanes is on both: |lateral| <= width / 2 + 1 m and within 5 m of the
     lane's ends (``AbstractLane.on_lane`` with margin 1).
     """
-    lanes = jnp.zeros(x.shape, jnp.int32)
-    for index in range(road.centre.shape[0]):
-        along = x - road.start[index]
-        length = road.end[index] - road.start[index]
-        aside = jnp.abs(y - road.centre[index])
-        inside = (
-            road.present[index]
-            & (aside <= road.width[index] / 2 + NEIGHBOUR_MARGIN)
-            & (along >= -END_MARGIN)
-            & (along < length + END_MARGIN)
-        )
-        lanes = jnp.where(inside, lanes | (1 << index), lanes)
-    return lanes
+    return lanes_within(road, x, y, road.width / 2 + NEIGHBOUR_MARGIN)
 
 
 def reachable_lanes(road: Road, x: Array, y: Array) -> Array:
@@ -107,16 +97,25 @@ def reachable_lanes(road: Road, x: Array, y: Array) -> Array:
     ``AbstractLane.is_reachable_from``: open to change, |lateral| <= 2 widths, 0 <= along < length
     + 5 m.
     """
+    open_lanes = replace(road, present=road.present & road.open_to_change)
+    return lanes_within(open_lanes, x, y, REACHABLE_WIDTHS * road.width, before_start=0.0)
+
+
+def lanes_within(
+    road: Road, x: Array, y: Array, aside: Array, before_start: float = END_MARGIN
+) -> Array:
+    """The lanes whose centre lines are at most ``aside``, [M] m, away, as a set of `lane_bit`.
+
+    A lane extends ``before_start`` m beyond its start, and `END_MARGIN` beyond its end. int32 [N].
+    """
     lanes = jnp.zeros(x.shape, jnp.int32)
     for index in range(road.centre.shape[0]):
         along = x - road.start[index]
         length = road.end[index] - road.start[index]
-        aside = jnp.abs(y - road.centre[index])
         inside = (
             road.present[index]
-            & road.open_to_change[index]
-            & (aside <= REACHABLE_WIDTHS * road.width[index])
-            & (along >= 0)
+            & (jnp.abs(y - road.centre[index]) <= aside[index])
+            & (along >= -before_start)
             & (along < length + END_MARGIN)
         )
         lanes = jnp.where(inside, lanes | (1 << index), lanes)
