@@ -211,7 +211,7 @@ def test_settings_by_keyword():
         ({"split": 0}, "split: expected text, one of training, validation, test, got 0"),
         ({"duration": 0}, "duration must be"),
         ({"duration": 4000}, "duration: in 4000 s a vehicle could get"),
-        ({"duration": "25"}, "duration: expected a number of seconds, got 25"),
+        ({"duration": "25"}, 'duration: expected a number, got "25"'),
         ({"task": 3}, r"task: expected lanewise\.TaskFunctions\(\.\.\.\), got 3"),
         ({"actions": "goal"}, "actions: each kind has an id of its own: .*lanewise/TrapGoal-v0"),
         ({"scenario": 3}, "scenario is a section, not a setting"),

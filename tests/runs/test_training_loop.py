@@ -9,6 +9,7 @@ import small_runs
 from small_runs import Quiet, results, resume
 
 from lanewise.cli.main import main
+from lanewise.controllers.registry import STEP_2
 from lanewise.errors import RunError
 from lanewise.evaluation import evaluator
 from lanewise.runs import checkpoint, metrics_file, selected_weights, trained, training_loop
@@ -95,7 +96,7 @@ def test_what_is_told_of_kept_weights_is_true_of_the_controller(whole):
     told = [line for line in lines if line["kind"] == "weights"]
     assert [line["stage"] for line in told] == ["step-1", "step-2"]
     controller = trained.load(whole)
-    config = recipe.validation_config(controller.settings, recipe.RECIPES["hierarchical"][-1])
+    config = recipe.validation_config(controller.settings, STEP_2)
     count = told[-1]["fresh_episodes"]
     found = evaluator.evaluate(config, controller.parameters, selected_weights.FRESH_SEED, count)
     assert told[-1]["kept_reward"] == pytest.approx(found.accumulated_reward.mean())

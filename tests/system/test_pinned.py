@@ -13,6 +13,7 @@ import small_runs
 
 import lanewise
 from lanewise import config
+from lanewise.controllers.registry import STEP_1
 from lanewise.envs import functional
 from lanewise.scenario import trap
 from lanewise.system import pinned
@@ -90,7 +91,7 @@ def pure():
 def trained():
     """A chunk of the training that many tests share (`conftest.whole`)."""
     settings = config.compose(flags=small_runs.flags(5))
-    course = recipe.stage_config(settings, recipe.RECIPES["hierarchical"][0])
+    course = recipe.stage_config(settings, STEP_1)
     state, _ = stage.advance(course, {}, stage.begin(course, {}, pinned.key(2)))
     return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(state.learners)])
 

@@ -14,6 +14,7 @@ import jax
 import numpy as np
 
 from lanewise import config
+from lanewise.controllers.registry import CONTROLLERS
 from lanewise.system.version import FIRST_UPDATES
 from lanewise.training import recipe, stage
 
@@ -36,7 +37,7 @@ def first_updates(arm):
     """
     controller, flags = ARMS[arm]
     settings = config.compose(flags=flags)
-    *earlier, last = recipe.RECIPES[controller]
+    *earlier, last = CONTROLLERS[controller].stages
     frozen = {}
     for each in earlier:
         begun = stage.begin(recipe.stage_config(settings, each), frozen, jax.random.key(0))

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from lanewise import config
+from lanewise.controllers.registry import CONTROLLERS
 from lanewise.evaluation import evaluator
 from lanewise.runs.training_loop import STAGE_STREAM
 from lanewise.system import version
@@ -71,7 +72,7 @@ def test_a_short_training_of_the_example_and_its_test_equal_the_library(capsys):
     decay = {f"{level}.learner.learning_rate_decay": decisions // 8 for level in levels}
     settings, frozen = config.compose(flags=decay), {}
     for number, level in enumerate(levels):
-        course = recipe.stage_config(settings, recipe.RECIPES["hierarchical"][number])
+        course = recipe.stage_config(settings, CONTROLLERS["hierarchical"].stages[number])
         key = jax.random.fold_in(jax.random.key(SEED), STAGE_STREAM + number)
         state, _ = stage.advance(course, frozen, stage.begin(course, frozen, key))
         assert state.learners[level].updates == UPDATES

@@ -3,6 +3,7 @@
 import pytest
 
 from lanewise import config
+from lanewise.controllers.registry import CONTROLLERS, STAGES
 from lanewise.training import recipe
 
 RENEWED = {"goals.training_renewal": "timestep", "goals.test_renewal": "decision"}
@@ -23,7 +24,7 @@ def settings():
 )
 def test_where_a_high_level_learns_the_critic_holds_its_goals(settings, name, in_stages, in_tests):
     """And tests do as the last training, unless the setting speaks of them."""
-    stages = recipe.RECIPES[name]
+    stages = CONTROLLERS[name].stages
     courses = [recipe.stage_config(settings, stage) for stage in stages]
     courses.append(recipe.evaluation_config(settings, name))
     courses.append(recipe.validation_config(settings, stages[-1]))
@@ -33,7 +34,6 @@ def test_where_a_high_level_learns_the_critic_holds_its_goals(settings, name, in
 
 
 def test_weights_are_chosen_on_validation_starts_alone(settings):
-    for stages in recipe.RECIPES.values():
-        for stage in stages:
-            assert recipe.validation_config(settings, stage).split == "validation"
-            assert recipe.evaluation_config(settings, stage.controller).split == "test"
+    for stage in STAGES:
+        assert recipe.validation_config(settings, stage).split == "validation"
+        assert recipe.evaluation_config(settings, stage.controller).split == "test"

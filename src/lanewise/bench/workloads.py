@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from lanewise import config
+from lanewise.controllers.registry import CONTROLLERS
 from lanewise.driving import actions, observation
 from lanewise.envs import functional
 from lanewise.envs.single import TrapEnv
@@ -202,7 +203,7 @@ def training(worlds: int, seconds: float, seed: int = 0) -> Timed:
 def training_plan(worlds: int, warm_up: int) -> StagePlan:
     """The stage without end and without validation, its first update after ``warm_up`` steps."""
     settings = config.compose()
-    (single_level,) = recipe.RECIPES["single-level"]
+    (single_level,) = CONTROLLERS["single-level"].stages
     course = recipe.stage_config(settings, single_level)
     ((name, level),) = course.learning
     level = replace(level, updates_per_step=1.0, learner=replace(level.learner, warm_up=warm_up))

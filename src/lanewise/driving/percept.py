@@ -35,13 +35,9 @@ class Percept:
 
 
 def perceive(
-    settings: ObservationSettings,
-    world: World,
-    task: TaskFunctions = PAPER_TASK,
-    *,
-    privileged: bool = False,
+    settings: ObservationSettings, world: World, task: TaskFunctions = PAPER_TASK
 ) -> Percept:
-    """The percept of the ego in ``world``, with the world itself if ``privileged``."""
+    """The percept of the ego in ``world``."""
     vehicles = world.vehicles
     return Percept(
         features=task.observe(settings, world),
@@ -51,5 +47,4 @@ def perceive(
         speed=vehicles.speed[0],
         lane=road.closest_lane(world.road, vehicles.x[0], vehicles.y[0]),
         road=world.road,
-        world=world if privileged else None,
     )

@@ -10,7 +10,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from lanewise.config.validation import check_duration
@@ -20,7 +19,8 @@ from lanewise.driving.episode import Episode
 from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions, checked
 from lanewise.envs import keywords
 from lanewise.envs.control import Control, DirectControl, EnvConfig, GoalControl
-from lanewise.errors import ActionError, SettingsError
+from lanewise.errors import ActionError
+from lanewise.fields.ranges import Between, FieldType
 from lanewise.fields.suggestions import look_up
 from lanewise.scenario.trap import SPLITS
 from lanewise.system import pinned, process
@@ -99,12 +99,9 @@ def make(
         process.refuse_forked()
     # Refuses what does not work.
     task.validate(composed.scenario, composed.driving, split)
-    if isinstance(duration, bool) or not isinstance(duration, int | float | np.number):
-        raise SettingsError(f"duration: expected a number of seconds, got {str(duration)[:80]}")
-    shortest = composed.driving.decision_duration
-    if not duration >= shortest:
-        raise SettingsError(f"duration must be at least {shortest:g} s, got {duration}")
-    check_duration("duration", float(duration), composed.scenario)
+    seconds = Between(composed.driving.decision_duration, 100_000.0, "s")
+    duration = FieldType(float, None, seconds).check("duration", keywords.plain(duration))
+    check_duration("duration", duration, composed.scenario)
     controls: dict[str, Control] = {
         "low-level": DirectControl(),
         "goal": GoalControl(composed.goals, composed.planner),
@@ -115,7 +112,7 @@ def make(
         driving=composed.driving,
         task=task,
         control=look_up("kind of action", actions, controls),
-        duration=composed.driving.decisions_in(float(duration)),
+        duration=composed.driving.decisions_in(duration),
         split=split,
     )
 

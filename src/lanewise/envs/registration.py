@@ -7,18 +7,12 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 
 ENVIRONMENTS = {
-    "lanewise/Trap-v0": ("lanewise.envs.single:TrapEnv", "lanewise.envs.vector:TrapVectorEnv"),
-    "lanewise/TrapGoal-v0": (
-        "lanewise.envs.single:TrapGoalEnv",
-        "lanewise.envs.vector:TrapGoalVectorEnv",
-    ),
-    "lanewise/TrapContinuous-v0": (
-        "lanewise.envs.single:TrapContinuousEnv",
-        "lanewise.envs.vector:TrapContinuousVectorEnv",
-    ),
-    "lanewise/TrapHighwayEnv-v0": ("lanewise.envs.trap_highway_env:TrapHighwayEnv", None),
+    "lanewise/Trap-v0": ("single:TrapEnv", "vector:TrapVectorEnv"),
+    "lanewise/TrapGoal-v0": ("single:TrapGoalEnv", "vector:TrapGoalVectorEnv"),
+    "lanewise/TrapContinuous-v0": ("single:TrapContinuousEnv", "vector:TrapContinuousVectorEnv"),
+    "lanewise/TrapHighwayEnv-v0": ("trap_highway_env:TrapHighwayEnv", None),
 }
-"""By id, where one environment and many of them are made."""
+"""By id, where in this package one environment and many of them are made."""
 
 
 def register() -> None:
@@ -28,7 +22,8 @@ def register() -> None:
 
     for name, (one, many) in ENVIRONMENTS.items():
         if name not in registry:
-            add(name, entry_point=one, vector_entry_point=many)
+            package = "lanewise.envs."
+            add(name, entry_point=package + one, vector_entry_point=many and package + many)
 
 
 def with_gymnasium() -> None:

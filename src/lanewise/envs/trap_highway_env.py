@@ -9,19 +9,17 @@ from jax import Array
 from numpy.typing import NDArray
 
 from lanewise.driving import actions, episode
-from lanewise.envs import functional, spaces
+from lanewise.envs import functional, single, spaces
 from lanewise.envs.control import EnvConfig
 from lanewise.envs.functional import State
-from lanewise.envs.single import TrapEnv
 from lanewise.interop import evaluation_in_highway_env
-from lanewise.scenario import trap
 from lanewise.system import pinned
 from lanewise.world.state import World
 
 highway = evaluation_in_highway_env()
 
 
-class TrapHighwayEnv(TrapEnv):
+class TrapHighwayEnv(single.TrapEnv):
     """The trap with the nine low-level actions in highway-env: ``lanewise/TrapHighwayEnv-v0``.
 
     The same starts as in ``lanewise/Trap-v0``, simulated by highway-env; needs the extra
@@ -47,7 +45,8 @@ class TrapHighwayEnv(TrapEnv):
             self.highway_env = None
 
     def _begin(self, seed: int, index: int) -> Any:
-        world = jax.device_get(_start(self.config, jnp.uint32(seed), jnp.int32(index)))
+        ours, _ = single.reset(self.config, jnp.uint32(seed), jnp.int32(index))
+        world = jax.device_get(ours.episode.world)
         fresh = highway.live(self.config.driving, world, self.config.duration)
         self._state, row = _begun(self.config, highway.read(fresh))
         self._let_go()
@@ -60,14 +59,6 @@ class TrapHighwayEnv(TrapEnv):
             self.config, self._state, highway.read(self.highway_env), action
         )
         return row
-
-
-@pinned.jit(static_argnums=0)
-def _start(config: EnvConfig, seed: Array, index: Array) -> World:
-    """Start ``index`` of a seed."""
-    return config.task.start(
-        config.scenario, trap.start_key(seed, config.split, index), config.split
-    )
 
 
 @pinned.jit(static_argnums=0)

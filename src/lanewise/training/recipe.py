@@ -14,9 +14,6 @@ from lanewise.evaluation.evaluator import BLOCK, EvaluationConfig
 from lanewise.training.rollout import StageConfig
 from lanewise.training.settings import Settings
 
-RECIPES = {name: spec.stages for name, spec in CONTROLLERS.items() if spec.stages}
-"""The stages of each controller that is trained, in order."""
-
 HELD = "critic"
 """When goals are renewed: only once the critic has ended them."""
 

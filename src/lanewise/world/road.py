@@ -23,16 +23,14 @@ def straight_road(
     width: float = 4.0,
     speed_limit: float = 30.0,
     lanes_max: int | None = None,
-    length: float | None = None,
 ) -> Road:
-    """Parallel lanes along x, float32, lane 0 centred on y = 0.
+    """Parallel lanes along x, `FARTHEST` m both ways, float32, lane 0 centred on y = 0.
 
     Args:
         lanes: how many lanes exist; may be traced where `lanes_max` is given.
         width: of every lane, m.
         speed_limit: of every lane, m/s.
         lanes_max: static number of lanes of the arrays; absent lanes fill the rest.
-        length: of every lane from x = 0 on, m; None: `FARTHEST` m both ways.
     """
     size = int(lanes) if lanes_max is None else lanes_max
     index = jnp.arange(size)
@@ -45,8 +43,8 @@ def straight_road(
         present=present,
         centre=index.astype(jnp.float32) * every_lane(width),
         width=every_lane(width),
-        start=every_lane(-FARTHEST if length is None else 0.0),
-        end=every_lane(FARTHEST if length is None else length),
+        start=every_lane(-FARTHEST),
+        end=every_lane(FARTHEST),
         speed_limit=every_lane(speed_limit),
         open_to_change=present,
     )
