@@ -26,21 +26,6 @@ def begun():
     return functional.reset(TASK, trap.start_key(3, "training", 0))
 
 
-@pytest.mark.slow
-def test_the_same_as_the_environment(begun):
-    env = gymnasium.make("lanewise/Trap-v0", **SETTINGS)
-    seen, _ = env.reset(seed=3)
-    state, shown = begun
-    assert np.array_equal(seen, shown.observation)
-    for action in (4, 7, 7, 5, 3, 4):
-        seen, reward, terminated, truncated, info = env.step(action)
-        state, shown = functional.step(TASK, state, jnp.int32(action))
-        assert np.allclose(seen, shown.observation, atol=1e-6)
-        assert reward == pytest.approx(float(shown.reward), abs=1e-6)
-        assert (terminated, truncated) == (bool(shown.terminated), bool(shown.truncated))
-        assert info["timestep_reward"] == pytest.approx(float(shown.timestep_reward), abs=1e-6)
-
-
 @pytest.mark.parametrize("crashed", [False, True])
 def test_a_crash_after_the_escape_leaves_the_papers_success_and_takes_ours(begun, crashed):
     state, shown = begun

@@ -21,30 +21,10 @@ except ImportError:
     sys.meta_path.pop(0)
 import gymnasium
 """
-FORGET = """
-import sys, lanewise, gymnasium
-for name in [name for name in sys.modules if name.partition(".")[0] == "gymnasium"]:
-    del sys.modules[name]
-import gymnasium
-"""
-THREADS = """
-import importlib.util, threading, lanewise
-threads = [threading.Thread(target=importlib.util.find_spec, args=("gymnasium",)) for _ in range(8)]
-for thread in threads:
-    thread.start()
-for thread in threads:
-    thread.join()
-import gymnasium
-"""
 ORDERS = {
     "lanewise first": f"import lanewise, gymnasium; {KNOWN}",
     "gymnasium first": f"import gymnasium, lanewise; {KNOWN}",
-    "looked for by threads": f"{THREADS}\n{KNOWN}",
     "failed at first": f"{FAIL}\n{KNOWN}",
-    "reloaded": f"import importlib, lanewise, gymnasium; importlib.reload(gymnasium); {KNOWN}",
-    "imported anew": f"{FORGET}\n{KNOWN}",
-    "lanewise twice": f"import sys, lanewise; sys.modules.pop('lanewise.envs.registration'); "
-    f"sys.modules.pop('lanewise'); import lanewise, gymnasium; {KNOWN}",
     "long after": f"import lanewise.cli, json; import gymnasium as gym; import gymnasium; {KNOWN}",
 }
 

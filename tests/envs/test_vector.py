@@ -97,17 +97,6 @@ def test_gymnasium_s_wrappers():
     assert all(length <= 16 for length in env.length_queue)
 
 
-def test_twice_the_same():
-    env = make()
-    first = env.reset(seed=4)[0]
-    actions = np.random.default_rng(0).integers(0, 9, (30, COUNT))
-    one = [env.step(action)[0] for action in actions]
-    env.step(actions[0])
-    assert np.array_equal(first, env.reset(seed=4)[0])
-    two = [env.step(action)[0] for action in actions]
-    assert np.array_equal(one, two)
-
-
 def test_pictures_need_a_mode_and_an_episode():
     assert make().render() is None
     env = make(render_mode="rgb_array")

@@ -239,17 +239,3 @@ def test_absent_lanes_change_nothing_to_the_last_bit(seed):
     lane = np.asarray(along[0].target_lane)
     assert (lane[0] != lane[-1]).any()
     assert lane.max() == 2
-
-
-@pytest.mark.slow
-def test_absent_traffic_is_not_there():
-    """Fewer vehicles than the arrays hold: absent ones neither move, nor are seen, nor matter."""
-    chosen = np.full(50, 4)
-    start = replace(NUMBERS, vehicles_ahead=0, vehicles_behind=0, ego_speed=9.0)
-    empty, along = drive(BUSY, start, 0, 3, chosen)
-    small = TrapSettings(traffic=TrafficSettings(vehicles_ahead=0))
-    alone, theirs = drive(small, start, 0, 3, chosen)
-    assert np.asarray(empty.vehicles.present).sum() == 3
-    np.testing.assert_array_equal(along[1], theirs[1])
-    np.testing.assert_array_equal(along[0].x[:, :3], theirs[0].x)
-    np.testing.assert_array_equal(empty.road.start, alone.road.start)

@@ -50,27 +50,6 @@ def nudged(world, offset, ticks):
     return read_world(env).vehicles
 
 
-def fires(timers):
-    return [index for index in range(1, len(timers)) if timers[index] < timers[index - 1]]
-
-
-@pytest.mark.parametrize(("frequency", "every"), [(10, 11), (15, 16), (20, 20)])
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_timer_in_float32_fires_on_the_ticks_of_highway_env(frequency, every, dtype):
-    world = make_world([0, 100], [0, 0], timer=[0.1, 0.63])
-    reference, ours, theirs = build_env(world), [], []
-    world = single(world) if dtype == "float32" else world
-    for _ in range(5 * frequency):
-        world = replace(world, vehicles=after(world, 1 / frequency))
-        assert world.vehicles.timer.dtype == dtype
-        ours.append(float(world.vehicles.timer[1]))
-        reference.road.act()
-        reference.road.step(1 / frequency)
-        theirs.append(reference.road.vehicles[1].timer)
-    assert fires(ours) == fires(theirs)
-    assert np.diff(fires(ours)).tolist() == [every] * (len(fires(ours)) - 1)
-
-
 RATES, DELAYS = np.arange(1, 101), (1.0, 0.3, 2.0, 10.0)
 
 
