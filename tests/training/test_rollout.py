@@ -74,12 +74,13 @@ SLOW = ("step 1, per goal",)
     [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in COURSES],
 )
 def test_the_replay_holds_what_the_books_say(name):
-    config = replay_books.noting(COURSES[name])
+    config = COURSES[name]
     learning = dict(config.learning)
     frozen = {"high_level": NETWORKS["high_level"]} if [*learning] == ["low_level"] else {}
     state, seen = replay_books.drive(config, frozen, jax.random.key(2), ITERATIONS)
-    crashed = (seen.outcome.over & (seen.outcome.accident > 0)).sum()
-    assert 0 < crashed < seen.outcome.over.sum() > 10
+    assert seen["as chosen"].all()
+    crashed = (seen["over"] & (seen["accident"] > 0)).sum()
+    assert 0 < crashed < seen["over"].sum() > 10
     for level, settings in learning.items():
         expected = replay_books.book(config, seen, level)
         memory = state.replays[level]
@@ -92,8 +93,8 @@ def test_the_replay_holds_what_the_books_say(name):
         assert 0.0 in discounts
         assert len(np.unique(discounts)) > 1
     if "low_level" in learning:
-        assert seen.notes["reached"].any()
-        assert not seen.notes["reached"].all()
+        assert seen["reached"].any()
+        assert not seen["reached"].all()
 
 
 def test_the_two_levels_explore_by_themselves():
