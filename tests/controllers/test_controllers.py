@@ -123,7 +123,7 @@ def test_the_high_level_chooses_only_when_a_goal_is_due():
     (high,) = PLANNED.levels
     assert high.ready(PLANNED.start(seen))
     _, memory = PLANNED.act(chosen(PLANNED, seen, 0), seen)
-    assert goals_of([memory]) == [(0, 9.0)]
+    assert (goals_of([memory]), int(memory.goal.age)) == ([(0, 9.0)], 1)
     memory = PLANNED.perceive(memory, seen)
     assert not high.ready(memory)
     assert goals_of([high.choose(memory, seen, jnp.int32(8))]) == [(0, 9.0)]

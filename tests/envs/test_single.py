@@ -105,9 +105,12 @@ def test_pictures_are_drawn_without_a_window(env):
     assert env.metadata["render_fps"] == 2
 
 
-@pytest.mark.parametrize("name", [*ENVIRONMENTS])
+@pytest.mark.parametrize("name", [*ENVIRONMENTS, "many"])
 def test_a_closed_environment_says_so(name):
-    env = make(name, render_mode="rgb_array").unwrapped
+    if name == "many":
+        env = gymnasium.make_vec("lanewise/Trap-v0", 2, render_mode="rgb_array", **SETTINGS)
+    else:
+        env = make(name, render_mode="rgb_array").unwrapped
     env.reset(seed=0)
     for _ in range(2):
         env.close()

@@ -62,9 +62,10 @@ def update_goal_status(
     By the renewal ``critic`` it is replaced only then, by ``timestep`` also every second, by
     ``decision`` always. A goal that is due already stays due.
     """
+    limit = driving.decisions_in(settings.time_limit)
     under_way = ~memory.due
     done = under_way & reached(settings, memory.goal, percept)
-    given_up = under_way & ~done & (memory.age >= _limit(settings, driving))
+    given_up = under_way & ~done & (memory.age >= limit)
     due = memory.due | done | (memory.age >= lifetime(settings, driving, renewal))
     ended, timed_out = memory.ended + (done | given_up), memory.timed_out + given_up
     return replace(memory, due=due, ended=ended, timed_out=timed_out)
@@ -72,13 +73,8 @@ def update_goal_status(
 
 def lifetime(settings: GoalSettings, driving: DrivingSettings, renewal: str) -> int:
     """Decisions after which a goal is replaced unreached; see `update_goal_status`."""
-    limit = _limit(settings, driving)
+    limit = driving.decisions_in(settings.time_limit)
     return {"critic": limit, "timestep": driving.decisions_per_timestep, "decision": 1}[renewal]
-
-
-def _limit(settings: GoalSettings, driving: DrivingSettings) -> int:
-    """Decisions after which a goal counts as given up."""
-    return driving.decisions_in(settings.time_limit)
 
 
 def maybe_renew_goal(
@@ -95,8 +91,3 @@ def maybe_renew_goal(
         age=jnp.where(memory.due, 0, memory.age),
         due=jnp.bool_(False),
     )
-
-
-def increment_age(memory: GoalMemory) -> GoalMemory:
-    """The memory one decision later."""
-    return replace(memory, age=memory.age + 1)

@@ -87,7 +87,7 @@ class LowLevel:
 
 def increment_age(memory: TwoLevelMemory) -> TwoLevelMemory:
     """The memory once the goal is a decision older."""
-    return replace(memory, goal=goal_critic.increment_age(memory.goal))
+    return replace(memory, goal=replace(memory.goal, age=memory.goal.age + 1))
 
 
 class _WithGoals:

@@ -74,9 +74,7 @@ class TrapVectorEnv(VectorEnv[NDArray[np.float32], Any, Any]):
         )
         single.refuse_other(settings, render_mode)
         modes = {mode.value: mode for mode in AutoresetMode}
-        given = (
-            autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
-        )
+        given = getattr(autoreset_mode, "value", autoreset_mode)
         self.mode = look_up("autoreset_mode", given, modes)
         self.config = functional.make(self.actions, **settings)
         self.num_envs = num_envs
