@@ -117,15 +117,13 @@ class TaskFunctions:
         model: Any = jax.eval_shape(sample, jax.random.key(0))
         if str(jax.tree.structure(world)) != str(jax.tree.structure(model)):
             raise self._wrong("start", "a World of arrays", "of anything else")
-        sizes = {"road": world.road.centre.size, "vehicles": world.vehicles.x.size}
-        for part in fields(World):
-            found, wanted = getattr(world, part.name), getattr(model, part.name)
-            shape = (sizes["road" if part.name == "road" else "vehicles"],)
-            for each in fields(found):
-                array, dtype = getattr(found, each.name), getattr(wanted, each.name).dtype
-                if array.shape != shape or array.dtype != dtype:
-                    what = f"{part.name}.{each.name} as {dtype} of shape {shape}"
-                    raise self._wrong("start", what, _kind(array))
+        found = jax.tree_util.tree_leaves_with_path(world)
+        for (path, array), wanted in zip(found, jax.tree.leaves(model), strict=True):
+            name = jax.tree_util.keystr(path, simple=True, separator=".")
+            size = (world.road.centre if name.startswith("road") else world.vehicles.x).size
+            if array.shape != (size,) or array.dtype != wanted.dtype:
+                what = f"{name} as {wanted.dtype} of shape ({size},)"
+                raise self._wrong("start", what, _kind(array))
 
     def _check_trap(self, scenario: TrapSettings, split: str) -> None:
         """Refuses the paper's success in a world without trap cars."""
