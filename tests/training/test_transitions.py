@@ -47,9 +47,14 @@ def gathered(level_settings, pending, *results):
     return pending
 
 
-def emitted(level_settings, pending, result=None, seen=None, ready=False):
+def emitted(level_settings, pending, result=None, seen=None):
     result, seen = result or outcome(), seen or feedback()
-    return transitions.emit(level_settings, pending, result, seen, AFTER, jnp.bool_(ready))
+    return transitions.emit(level_settings, pending, result, seen, AFTER, jnp.bool_(False))[0]
+
+
+def complete(level_settings, pending, result=None, ready=False):
+    result, ready = result or outcome(), jnp.bool_(ready)
+    return transitions.emit(level_settings, pending, result, feedback(), AFTER, ready)[1].tolist()
 
 
 def test_a_decision_is_paid_by_what_came_of_it():
@@ -72,11 +77,11 @@ def test_later_rewards_count_less():
     twice = ((outcome(), feedback()),) * 2
     pending = gathered(PLAIN, chosen(PLAIN, 1), *twice)
     assert pending.reward.tolist() == [21.0 + 0.5 * 21.0]
-    assert emitted(PLAIN, pending).transitions.discount.tolist() == [0.25]
+    assert emitted(PLAIN, pending).discount.tolist() == [0.25]
     per_goal = replace(PLAIN, discount_across_goal="per-goal")
     pending = gathered(per_goal, chosen(per_goal, 1), *twice)
     assert pending.reward.tolist() == [42.0]
-    assert emitted(per_goal, pending).transitions.discount.tolist() == [0.5]
+    assert emitted(per_goal, pending).discount.tolist() == [0.5]
 
 
 def test_choices_back_count_their_place():
@@ -85,9 +90,9 @@ def test_choices_back_count_their_place():
     assert pending.choice.tolist() == [4, 3, 2]
     np.testing.assert_allclose(pending.reward, [21.0, 10.5, 5.25])
     found = emitted(level_settings, pending)
-    np.testing.assert_allclose(found.transitions.discount, [0.5, 0.25, 0.125])
-    assert found.transitions.features[:, 0].tolist() == [4.0, 3.0, 2.0]
-    assert found.transitions.next_features.tolist() == [AFTER.tolist()] * 3
+    np.testing.assert_allclose(found.discount, [0.5, 0.25, 0.125])
+    assert found.features[:, 0].tolist() == [4.0, 3.0, 2.0]
+    assert found.next_features.tolist() == [AFTER.tolist()] * 3
 
 
 def test_only_choices_of_this_episode_are_complete_the_oldest_first():
@@ -100,9 +105,9 @@ def test_only_choices_of_this_episode_are_complete_the_oldest_first():
     ):
         pending = chosen(level_settings, count)
         assert int(pending.count) == min(count, 3)
-        assert emitted(level_settings, pending).complete.tolist() == [False] * 3
-        assert emitted(level_settings, pending, ready=True).complete.tolist() == ready
-        assert emitted(level_settings, pending, done).complete.tolist() == at_end
+        assert complete(level_settings, pending) == [False] * 3
+        assert complete(level_settings, pending, ready=True) == ready
+        assert complete(level_settings, pending, done) == at_end
 
 
 @pytest.mark.parametrize(
@@ -122,5 +127,5 @@ def test_what_ends_the_future(changes, endings):
         ("truncated", outcome(truncated=True), feedback()),
         ("reached", outcome(), feedback(reached=True)),
     ):
-        discount = float(emitted(level_settings, pending, result, seen).transitions.discount[0])
+        discount = float(emitted(level_settings, pending, result, seen).discount[0])
         assert discount == (0.0 if name in endings else 1.0), name

@@ -16,10 +16,11 @@ from lanewise.driving.percept import Percept
 from lanewise.driving.settings import DrivingSettings
 from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions
 from lanewise.learning import exploration, network
+from lanewise.learning.replay import Transition
 from lanewise.scenario.settings import TrapSettings
 from lanewise.training import transitions
 from lanewise.training.settings import BudgetSettings, LevelSettings
-from lanewise.training.transitions import Emitted, Pending
+from lanewise.training.transitions import Pending
 
 
 @jax.tree_util.register_dataclass
@@ -82,7 +83,7 @@ def step(
     rollout: Rollout,
     epsilon: dict[str, Array],
     key: Array,
-) -> tuple[Rollout, dict[str, Emitted]]:
+) -> tuple[Rollout, dict[str, tuple[Transition, Array]]]:
     """One decision with exploration; a world whose episode ends is to be begun anew.
 
     Args:
@@ -93,7 +94,7 @@ def step(
         key: of this decision's exploration in this world.
 
     Returns:
-        The world after the decision, and what each learning level leaves for its replay.
+        The world after the decision, and by level that learns what `transitions.emit` returns.
     """
     controller = config.controller
     pending, memory = _choose(config, parameters, rollout, epsilon, key)

@@ -197,7 +197,7 @@ def _drive(
     for name, _ in config.learning:
         # [worlds, n] in one row.
         flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), emitted[name])
-        replays[name] = replay.add(replays[name], flat.transitions, flat.complete)
+        replays[name] = replay.add(replays[name], *flat)
     after = replace(state, iteration=state.iteration + 1, replays=replays, rollouts=rollouts)
     return after, stats
 

@@ -35,17 +35,6 @@ class Pending:
     """int32 [] how many of the n are choices of this episode."""
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Emitted:
-    """Transitions of one level after a decision."""
-
-    transitions: Transition
-    """[n] one for each pending choice."""
-    complete: Array
-    """bool [n] which of them go to the replay."""
-
-
 def empty(settings: LevelSettings, feature_count: int) -> Pending:
     """No choice pending."""
     n = settings.returns
@@ -112,10 +101,11 @@ def emit(
     feedback: Feedback,
     next_features: Array,
     ready: Array,
-) -> Emitted:
-    """Transitions, complete or not: the discount alone tells the learner how they ended.
+) -> tuple[Transition, Array]:
+    """([n] transitions, one for each pending choice, bool [n] which of them are complete).
 
-    The oldest of n choices is complete when the next one is due; at an episode's end all are.
+    The discount alone tells the learner how they ended. The oldest of n choices is complete when
+    the next one is due; at an episode's end all are.
     """
     per_goal = settings.discount_across_goal == "per-goal"
     discount = _per_choice(settings, 1) if per_goal else pending.discount
@@ -126,13 +116,12 @@ def emit(
         over = over | feedback.reached
     done = outcome.terminated | outcome.truncated
     index = jnp.arange(settings.returns)
-    return Emitted(
-        transitions=Transition(
-            features=pending.features,
-            action=pending.choice,
-            reward=pending.reward,
-            discount=jnp.where(over, 0.0, discount),
-            next_features=jnp.broadcast_to(next_features, pending.features.shape),
-        ),
-        complete=(index < pending.count) & (done | (ready & (index == settings.returns - 1))),
+    complete = (index < pending.count) & (done | (ready & (index == settings.returns - 1)))
+    found = Transition(
+        features=pending.features,
+        action=pending.choice,
+        reward=pending.reward,
+        discount=jnp.where(over, 0.0, discount),
+        next_features=jnp.broadcast_to(next_features, pending.features.shape),
     )
+    return found, complete
