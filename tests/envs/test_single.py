@@ -5,12 +5,13 @@ import copy
 import dataclasses
 import pickle
 import warnings
+from functools import partial
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
-from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.wrappers import RecordEpisodeStatistics, RecordVideo
 from imageio_ffmpeg import count_frames_and_secs
 
@@ -30,6 +31,7 @@ FASTER_BY_ID = {
     "lanewise/TrapContinuous-v0": np.array([1.0, 0.0], np.float32),
 }
 """The action that accelerates, where it is not `FASTER`."""
+same = partial(data_equivalence, exact=True)
 
 
 def make(name="lanewise/Trap-v0", **settings):
@@ -51,14 +53,6 @@ def drive(env, actions, **reset):
         if found[-1][2] or found[-1][3]:
             break
     return found
-
-
-def same(ours, theirs):
-    """Bit for bit."""
-    return len(ours) == len(theirs) and all(
-        np.array_equal(one[0], other[0]) and one[1:] == other[1:]
-        for one, other in zip(ours, theirs, strict=True)
-    )
 
 
 def test_gymnasium_has_nothing_to_say(env):

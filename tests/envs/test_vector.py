@@ -7,6 +7,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
+from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
@@ -18,25 +19,6 @@ SETTINGS = {"duration": 8.0, "vehicles_ahead": 1}
 """Everywhere, so that tests share compiled programs, and these are small."""
 NEXT, SAME, DISABLED = AutoresetMode
 TRAP, GOAL, CONTINUOUS = (f"lanewise/Trap{kind}-v0" for kind in ("", "Goal", "Continuous"))
-
-
-def alike(ours, theirs, place=""):
-    """Equal: exactly where it is not rounded, else closely; nested infos too."""
-    if isinstance(theirs, dict):
-        assert ours.keys() == theirs.keys(), place
-        for name in theirs:
-            alike(ours[name], theirs[name], f"{place}.{name}")
-        return
-    assert np.shape(ours) == np.shape(theirs), place
-    if np.asarray(theirs).dtype == object:
-        for one, other in zip(ours, theirs, strict=True):
-            assert (one is None) == (other is None), place
-            if one is not None:
-                alike(one, other, place)
-    elif np.issubdtype(np.asarray(theirs).dtype, np.floating):
-        assert np.allclose(ours, theirs, atol=2e-5), (place, ours, theirs)
-    else:
-        assert np.array_equal(ours, theirs), (place, ours, theirs)
 
 
 def make(count=COUNT, name=TRAP, **settings):
@@ -63,28 +45,26 @@ def test_equal_to_a_loop_of_single_ones(name, mode, limit):
     assert ours.observation_space == theirs.observation_space
     assert ours.action_space == theirs.action_space
     assert ours.metadata["autoreset_mode"] is theirs.metadata["autoreset_mode"] is mode
-    for ours_now, theirs_now in zip(ours.reset(seed=11), theirs.reset(seed=11), strict=True):
-        alike(ours_now, theirs_now)
+    assert data_equivalence(ours.reset(seed=11), theirs.reset(seed=11))
     ours.action_space.seed(1)
     ended = 0
     for _ in range(steps):
         actions = ours.action_space.sample()
         ours_now, theirs_now = ours.step(actions), theirs.step(actions)
-        for one, other in zip(ours_now, theirs_now, strict=True):
-            alike(one, other)
+        assert data_equivalence(ours_now, theirs_now)
         done = ours_now[2] | ours_now[3]
         ended += done.sum()
         if mode is DISABLED and done.any():
             with pytest.raises(ResetNeeded, match="reset_mask"):
                 ours.step(actions)
             again = [each.reset(options={"reset_mask": done.copy()}) for each in (ours, theirs)]
-            alike(again[0][0], again[1][0])
-            alike({k: v[done] for k, v in again[0][1].items()}, _where(again[1][1], done))
+            assert data_equivalence(*(_where(each, done) for each in again))
     assert ended > (20 if limit else COUNT)
 
 
-def _where(info, done):
-    return {name: values[done] for name, values in info.items()}
+def _where(reset, done):
+    observations, info = reset
+    return observations, {name: values[done] for name, values in info.items()}
 
 
 def test_gymnasium_s_wrappers():
