@@ -60,13 +60,7 @@ def _chunk(metrics):
         "accidents": int((metrics.episodes.outcome.accident[done] > 0).sum()),
         "reward": float(metrics.episodes.reward[done].sum()),
         "levels": {
-            name: {
-                "updates": int(level.updates),
-                "transitions": int(level.transitions),
-                "epsilon": float(level.epsilon),
-                "loss": float(level.loss),
-                "mean_q": float(level.mean_q),
-            }
+            name: {field: value.item() for field, value in vars(level).items()}
             for name, level in metrics.levels.items()
         },
     }
