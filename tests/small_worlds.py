@@ -1,6 +1,6 @@
 """Small worlds in float64 NumPy, by hand or by Hypothesis, and a tick of them in both worlds."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 
 import hypothesis
@@ -11,7 +11,7 @@ from parity_states import LANES_MAX, fit, random_drivers, random_road, random_ve
 
 from lanewise.interop.highway_env import build_env, read_world
 from lanewise.world import tick
-from lanewise.world.settings import PAPER_DRIVER
+from lanewise.world.settings import PAPER_DRIVER, DriverSettings
 from lanewise.world.state import EXTERNAL, RULE_BASED, Drivers, Road, Vehicles, World
 
 TICK = 0.1
@@ -22,11 +22,6 @@ NUMBERS = ("x", "y", "heading", "speed", "slip_sine", "acceleration", "timer")
 PUSHES = ("impact_x", "impact_y")
 DECISIONS = ("target_lane", "crashed", "impacted")
 ALL = NUMBERS + PUSHES + DECISIONS
-BY_NAME = (
-    *("comfort_acceleration", "comfort_deceleration", "jam_distance", "time_gap", "exponent"),
-    *("politeness", "minimum_gain", "imposed_braking", "change_delay", "acceleration_limit"),
-)
-"""Parameters of drivers that are the settings'."""
 
 
 def make_world(
@@ -39,13 +34,11 @@ def make_world(
     y = 4.0 * lane if y is None else np.array(y, float)
     kind = np.array([EXTERNAL] + [RULE_BASED] * (count - 1) if kinds is None else kinds, np.int32)
     settings = settings if isinstance(settings, list) else [settings] * count
-
-    def of(name):
-        return np.array([getattr(each, name) for each in settings], float)
-
-    def wide(value):
-        return np.full(count, value)
-
+    of = {
+        field.name: np.array([getattr(each, field.name) for each in settings], float)
+        for field in fields(DriverSettings)
+    }
+    zeros, no = np.zeros(count), np.zeros(count, bool)
     own_timer = np.mod((x + y) * np.pi, 1.0)
     road = Road(
         present=which >= 0,
@@ -58,28 +51,24 @@ def make_world(
     )
     drivers = Drivers(
         kind=kind,
-        target_speed=np.where(kind == RULE_BASED, of("target_speed"), 0.0),
-        slip_limit=slip_sine(of("steering_limit")),
-        changes_lanes=of("changes_lanes") > 0,
-        checks_collisions=wide(True),
-        length=wide(5.0),
-        width=wide(2.0),
-        **{name: of(name) for name in BY_NAME},
+        target_speed=np.where(kind == RULE_BASED, of.pop("target_speed"), 0.0),
+        slip_limit=slip_sine(of.pop("steering_limit")),
+        changes_lanes=of.pop("changes_lanes") > 0,
+        checks_collisions=~no,
+        length=zeros + 5.0,
+        width=zeros + 2.0,
+        **of,
     )
     vehicles = Vehicles(
-        present=wide(True),
+        present=~no,
         x=x,
         y=y,
-        heading=wide(0.0) + heading,
-        speed=wide(0.0) + speed,
-        slip_sine=wide(0.0),
-        acceleration=wide(0.0),
+        heading=zeros + heading,
+        speed=zeros + speed,
         target_lane=lane,
-        timer=own_timer if timer is None else np.where(timer, timer, own_timer),
-        crashed=wide(False),
-        impacted=wide(False),
-        impact_x=wide(0.0),
-        impact_y=wide(0.0),
+        timer=own_timer if timer is None else np.array(timer, float),
+        **dict.fromkeys(("slip_sine", "acceleration", "impact_x", "impact_y"), zeros),
+        **dict.fromkeys(("crashed", "impacted"), no),
     )
     return fit(World(road, drivers, vehicles), size)
 
