@@ -9,6 +9,7 @@ from test_stage import COURSE, LEVEL, SETTINGS
 
 from lanewise.bench import workloads
 from lanewise.evaluation import evaluator
+from lanewise.evaluation.settings import EvaluationSettings
 from lanewise.training import stage, trainer
 from lanewise.training.trainer import StagePlan
 
@@ -30,7 +31,8 @@ def test_each_entry_point_is_compiled_once():
     validation = evaluator.EvaluationConfig(
         COURSE.scenario, COURSE.driving, COURSE.controller, 3, "validation"
     )
-    plan = StagePlan("one", COURSE, validation, 150, validation_interval=1, fresh_episodes=1)
+    tests = EvaluationSettings(validation_episodes=150, validation_interval=1)
+    plan = StagePlan("one", COURSE, validation, tests)
     entries = (stage.begin, stage.advance, evaluator.drive_block)
     progress = trainer.begin(plan, {}, jax.random.key(3))
     progress, _ = trainer.advance(plan, {}, progress)

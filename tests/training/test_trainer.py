@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from lanewise.errors import NumbersError
+from lanewise.evaluation.settings import EvaluationSettings
 from lanewise.runs import selected_weights
 from lanewise.training import selection, trainer
 from lanewise.training.finite_checks import ChunkFinite, Finding
@@ -24,7 +25,8 @@ def plan_of(keep, chunks=6, episodes=0, interval=2):
         decisions=chunks * CHUNK * WORLDS, episodes=episodes, worlds=WORLDS, keep=keep
     )
     config = SimpleNamespace(budget=settings, learning=(("q", settings),))
-    return StagePlan("step-1", config, None, 3, interval, fresh_episodes=20)
+    tests = EvaluationSettings(validation_interval=interval, fresh_episodes=20)
+    return StagePlan("step-1", config, None, tests)
 
 
 def state_of(chunk):

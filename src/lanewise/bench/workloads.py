@@ -20,6 +20,7 @@ from lanewise.controllers.registry import CONTROLLERS
 from lanewise.driving import actions, observation
 from lanewise.envs import functional
 from lanewise.envs.single import TrapEnv
+from lanewise.evaluation.settings import EvaluationSettings
 from lanewise.learning import learner, replay
 from lanewise.learning.learner import Learner
 from lanewise.learning.replay import Replay, Transition
@@ -212,9 +213,7 @@ def training_plan(worlds: int, warm_up: int) -> StagePlan:
         name="single-level",
         config=replace(course, budget=budget, learning=((name, level),)),
         validation=recipe.validation_config(settings, single_level),
-        validation_episodes=0,
-        validation_interval=1_000_000,
-        fresh_episodes=0,
+        tests=EvaluationSettings(validation_interval=1_000_000),
     )
 
 

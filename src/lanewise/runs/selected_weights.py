@@ -26,10 +26,11 @@ TOLERANCE = 0.05
 
 def compare(plan: StagePlan, frozen: Parameters, progress: StageProgress) -> dict[str, Any]:
     """The record of a finished stage: what it hands on and its last weights, on fresh starts."""
+    episodes = plan.tests.fresh_episodes
 
     def tested(weights: Parameters) -> Episodes:
         parameters = frozen | weights
-        return evaluator.evaluate(plan.validation, parameters, FRESH_SEED, plan.fresh_episodes)
+        return evaluator.evaluate(plan.validation, parameters, FRESH_SEED, episodes)
 
     keep, last_chunk = plan.config.budget.keep, progress.counters.chunks
     weights, chunk = selection.result(keep, progress)
@@ -41,7 +42,7 @@ def compare(plan: StagePlan, frozen: Parameters, progress: StageProgress) -> dic
         "rule": keep,
         "kept_chunk": chunk,
         "last_chunk": last_chunk,
-        "fresh_episodes": plan.fresh_episodes,
+        "fresh_episodes": episodes,
     }
     for prefix, found in (("last", last), ("kept", kept)):
         record |= records.of_tested(prefix, found)

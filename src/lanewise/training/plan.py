@@ -36,15 +36,12 @@ class TrainingPlan:
         cls, settings: Settings, controller: str, task: TaskFunctions = PAPER_TASK
     ) -> "TrainingPlan":
         """The plan of a controller's training; raises as `trace`."""
-        tests = settings.evaluation
         stages = tuple(
             StagePlan(
                 name=each.name,
                 config=recipe.stage_config(settings, each, task),
                 validation=recipe.validation_config(settings, each, task),
-                validation_episodes=tests.validation_episodes,
-                validation_interval=tests.validation_interval,
-                fresh_episodes=tests.fresh_episodes,
+                tests=settings.evaluation,
             )
             for each in CONTROLLERS[controller].stages
         )

@@ -15,6 +15,7 @@ from lanewise.errors import NumbersError
 from lanewise.evaluation import evaluator
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.evaluator import EvaluationConfig
+from lanewise.evaluation.settings import EvaluationSettings
 from lanewise.training import finite_checks, records, selection, stage
 from lanewise.training.rollout import StageConfig
 from lanewise.training.selection import StageCounters, StageProgress
@@ -30,11 +31,8 @@ class StagePlan:
     name: str
     config: StageConfig
     validation: EvaluationConfig
-    validation_episodes: int
-    validation_interval: int
-    """Chunks between validations."""
-    fresh_episodes: int
-    """Episodes on fresh validation starts when the stage is over."""
+    tests: EvaluationSettings
+    """When weights are validated, and on how many episodes."""
 
     def fraction(self, counters: StageCounters) -> float:
         """Share of the budget spent, 0 to 1."""
@@ -103,13 +101,13 @@ def advance(
 def _validate(plan: StagePlan, frozen: Parameters, progress: StageProgress) -> Episodes | None:
     """Greedy episodes on validation starts, when they are due."""
     counters = progress.counters
-    due = counters.chunks % plan.validation_interval == 0 or plan.finished(counters)
+    due = counters.chunks % plan.tests.validation_interval == 0 or plan.finished(counters)
     if not due:
         return None
     parameters = frozen | stage.online(progress.state.learners)
     try:
         return evaluator.evaluate(
-            plan.validation, parameters, VALIDATION_SEED, plan.validation_episodes
+            plan.validation, parameters, VALIDATION_SEED, plan.tests.validation_episodes
         )
     except NumbersError as error:
         raise NumbersError(
