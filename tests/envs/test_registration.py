@@ -6,25 +6,9 @@ import sys
 import pytest
 
 KNOWN = "print(gymnasium.spec('lanewise/Trap-v0').entry_point)"
-FAIL = """
-class Failing:
-    def find_spec(self, name, path, target=None):
-        if name == "gymnasium.core":
-            sys.modules.pop("gymnasium.core", None)
-            raise ImportError("once")
-
-import sys, lanewise
-sys.meta_path.insert(0, Failing())
-try:
-    import gymnasium
-except ImportError:
-    sys.meta_path.pop(0)
-import gymnasium
-"""
 ORDERS = {
     "lanewise first": f"import lanewise, gymnasium; {KNOWN}",
     "gymnasium first": f"import gymnasium, lanewise; {KNOWN}",
-    "failed at first": f"{FAIL}\n{KNOWN}",
     "long after": f"import lanewise.cli, json; import gymnasium as gym; import gymnasium; {KNOWN}",
 }
 
