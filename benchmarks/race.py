@@ -121,7 +121,7 @@ def training(out: Path, controller: str, number: int, seed: int) -> Training:
 
 def race(options: argparse.Namespace, runs: Sequence[Training]) -> None:
     """Train what is left, as many at once as there are cores; then write the record."""
-    with folder_io.make_locked(options.out, "racing") as out:
+    with folder_io.lock(options.out, "racing") as out:
         schedule.run(runs, options.processes, sys.stderr, out)
     write(options.out)
 

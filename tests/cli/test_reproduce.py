@@ -59,7 +59,7 @@ def test_it_prints_the_papers_table_with_ours_beside_it_and_leaves_a_report(done
 
 
 def test_a_folder_in_use_is_refused(tmp_path, capsys):
-    with folder_io.make_locked(tmp_path / "out", "reproducing"):
+    with folder_io.lock(tmp_path / "out", "reproducing"):
         assert main(words(tmp_path / "out")) == 2
     assert "is in use: another process is reproducing in it" in capsys.readouterr().err
 

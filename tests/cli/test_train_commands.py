@@ -141,7 +141,7 @@ def test_sweep_refuses_before_it_works(whole, tmp_path, capsys):
         assert main(sweep_words(whole, tmp_path / "map", **changes)) == 2
         assert hint in capsys.readouterr().err
     assert not (tmp_path / "map").exists()
-    with folder_io.make_locked(tmp_path / "busy", "sweeping"):
+    with folder_io.lock(tmp_path / "busy", "sweeping"):
         assert main(sweep_words(whole, tmp_path / "busy")) == 2
     assert "busy is in use: another process is sweeping in it" in capsys.readouterr().err
     assert list((tmp_path / "busy").iterdir()) == []

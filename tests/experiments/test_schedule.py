@@ -268,7 +268,7 @@ def test_a_job_writes_into_no_other_folder(tmp_path, monkeypatch, change, late):
         left.extend(sorted(tmp_path.rglob("*")))
 
     monkeypatch.setattr(jobs_module.evaluate_trained, "evaluate", break_in)
-    with folder_io.make_locked(out, "reproducing") as held:
+    with folder_io.lock(out, "reproducing") as held:
         identity = held.identity
         if not late:
             break_in()

@@ -112,7 +112,7 @@ def test_a_test_without_its_weights_is_refused(job):
 @pytest.mark.parametrize(
     ("file", "old", "new", "says"),
     [
-        ("lanewise.json", "{", "[", "is damaged; delete it"),
+        ("lanewise.json", "{", "[", "not valid JSON; delete it"),
         (
             "lanewise.json",
             '"version": 1',

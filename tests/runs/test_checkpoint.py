@@ -112,7 +112,7 @@ def alter(**changes):
 DAMAGE = [
     (".safetensors", truncate, "truncated or altered"),
     (".safetensors", flip, "truncated or altered"),
-    (".safetensors", os.remove, "is missing"),
+    (".safetensors", os.remove, "No such file"),
     (".safetensors", link, "not a regular file"),
     (".safetensors", lambda path: os.truncate(path, 10**9), "larger than"),
     (".json", lambda path: os.truncate(path, 50), "not valid JSON"),

@@ -62,7 +62,7 @@ def test_both_levels_of_h_dqn_resume_to_the_same_bytes(tmp_path, monkeypatch):
         "low_level": (28, 16),
     }
     # Its chunks have the most fields: each has a column.
-    for record in metrics_file.read_records(path / "metrics.jsonl"):
+    for record in metrics_file.read(path / "metrics.jsonl"):
         assert set(record) - {"kind"} <= set(metrics_file.COLUMNS[record["kind"]])
 
 
@@ -92,7 +92,7 @@ def test_a_finished_run_is_complete_and_not_trained_again(whole):
 
 
 def test_what_is_told_of_kept_weights_is_true_of_the_controller(whole):
-    lines = metrics_file.read_records(whole / "metrics.jsonl")
+    lines = metrics_file.read(whole / "metrics.jsonl")
     told = [line for line in lines if line["kind"] == "weights"]
     assert [line["stage"] for line in told] == ["step-1", "step-2"]
     controller = trained.load(whole)
@@ -314,7 +314,15 @@ def exchanged(stopped):
     return "of another run: its seed is not 5"
 
 
-@pytest.mark.parametrize("damage", [shortened, torn, robbed_of_a_stage, exchanged])
+def linked(stopped):
+    """Going on would cut a file short that lies elsewhere."""
+    metrics = stopped / "metrics.jsonl"
+    metrics.rename(stopped.parent / "precious")
+    metrics.symlink_to(stopped.parent / "precious")
+    return "a link, not a regular file"
+
+
+@pytest.mark.parametrize("damage", [shortened, torn, robbed_of_a_stage, exchanged, linked])
 def test_what_cannot_be_continued_is_refused_and_left_as_it_is(stopped, capsys, damage):
     said = damage(stopped)
     before = small_runs.everything(stopped)

@@ -56,7 +56,6 @@ def open_(path: Path, identity: dict[str, Any]) -> Journal:
     """
     out = path.parent
     check_place(path)
-    out.mkdir(parents=True, exist_ok=True)
     folder = folder_io.lock(out, "sweeping")
     try:
         # Checked again: another process may have begun before this one had the lock.
@@ -64,8 +63,7 @@ def open_(path: Path, identity: dict[str, Any]) -> Journal:
             write_atomically(folder, {path.name: (json.dumps(identity) + "\n").encode()})
         kept, results, digest = read(path, identity)
         # What a kill has cut short is left out, here and on disk.
-        write_atomically(folder, {path.name: kept})
-        file = os.open(path.name, os.O_WRONLY | os.O_APPEND, dir_fd=folder.descriptor)
+        file = folder_io.begin_file(folder, path.name, kept)
     except BaseException:
         folder.close()
         raise

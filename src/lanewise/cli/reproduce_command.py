@@ -84,7 +84,7 @@ def run(parsed: Parsed[Reproduce]) -> int:
     report = command.out / "report.md"
     if report.exists() and all(job.path in done for job in jobs):
         raise RunError(f"{command.out} is complete: see {report}, or choose another folder")
-    with folder_io.make_locked(command.out, "reproducing") as out:
+    with folder_io.lock(command.out, "reproducing") as out:
         # Another process may have begun something else meanwhile.
         experiments.check_folder(command.out, whole)
         experiments.mark_folder(out, whole)

@@ -90,7 +90,10 @@ def read(
     file, table = path / TESTS / f"{world}.json", path / TESTS / f"{world}.csv"
     if not os.path.lexists(file):
         return None
-    stored = _document(file)
+    try:
+        stored = safe_io.read_document(file, _FORMAT, _VERSION, _LARGEST_SUMMARY)
+    except safe_io.UnreadableError as error:
+        raise RunError(f"cannot read {file}: {error}{_REMEDY}") from error
     try:
         run = _identity(path, seed, weights)
     except (CheckpointError, safe_io.UnreadableError) as error:
@@ -98,25 +101,15 @@ def read(
     tested = (stored["summary"]["controller"], stored["summary"]["world"], stored["run"])
     if tested != (controller, world, run):
         raise RunError(f"{file} is a test of another run{_REMEDY}")
-    content = _contents(table, _LARGEST_TABLE)
+    try:
+        content = safe_io.read_bytes(table, _LARGEST_TABLE, links=False)
+    except safe_io.UnreadableError as error:
+        raise RunError(f"cannot read {table}: {error}{_REMEDY}") from error
     if _sha256(content) != stored["episodes_sha256"]:
         raise RunError(f"{table} was altered{_REMEDY}")
     episodes = metrics.from_csv(content.decode("utf-8"))
     summary = metrics.summarise(episodes, controller=controller, world=world)
     return StoredTest(summary, episodes, stored["seconds"])
-
-
-def _document(file: Path) -> dict[str, Any]:
-    """The JSON of a test, undamaged."""
-    try:
-        stored: dict[str, Any] = safe_io.parse_json(_contents(file, _LARGEST_SUMMARY))
-    except ValueError as error:
-        raise RunError(f"{file} is damaged{_REMEDY}") from error
-    if other := safe_io.format_mismatch(stored, _FORMAT, _VERSION):
-        raise RunError(f"{file} {other}")
-    if not isinstance(stored, dict) or stored.get("digest") != safe_io.digest(stored):
-        raise RunError(f"{file} is damaged{_REMEDY}")
-    return stored
 
 
 def _identity(path: Path, seed: int, weights: str | None) -> dict[str, Any]:
@@ -131,10 +124,3 @@ def _identity(path: Path, seed: int, weights: str | None) -> dict[str, Any]:
 
 def _sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
-
-
-def _contents(file: Path, largest: int) -> bytes:
-    try:
-        return safe_io.read_bytes(file, largest, links=False)
-    except safe_io.UnreadableError as error:
-        raise RunError(f"cannot read {file}: {error}{_REMEDY}") from error

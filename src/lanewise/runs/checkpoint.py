@@ -28,6 +28,8 @@ from lanewise.system.folder_io import PARTIAL, OpenFolder, opened, write_atomica
 
 FORMAT = "lanewise-arrays"
 VERSION = 1
+_DIGEST = "manifest_sha256"
+"""Field of a manifest with its own digest."""
 _LARGEST_MANIFEST = 300_000
 _LARGEST_FILE = 16 * 1024**3
 _LARGEST_HEADER = 1_000_000
@@ -91,7 +93,7 @@ def save(
         "settings_digest": settings_digest,
         "meta": dict(meta),
     }
-    manifest["manifest_sha256"] = _digest_of(manifest)
+    manifest[_DIGEST] = safe_io.digest(manifest, _DIGEST)
     text = json.dumps(manifest, indent=1, allow_nan=False) + "\n"
     write_atomically(directory, {f"{name}.safetensors": data, f"{name}.json": text.encode()})
     if keep is not None:
@@ -117,7 +119,10 @@ def load(
     manifest = _read_manifest(directory, name, settings_digest)
     path = directory / f"{name}.safetensors"
     largest = _LARGEST_FILE if template is None else _size(template) + _LARGEST_HEADER
-    data = _read_file(path, largest)
+    try:
+        data = safe_io.read_bytes(path, largest, links=False)
+    except safe_io.UnreadableError as error:
+        raise CheckpointError(f"cannot read {path}: {error}") from error
     if hashlib.sha256(data).hexdigest() != manifest["sha256"]:
         raise CheckpointError(f"{path} was truncated or altered: its digest is not the manifest's")
     try:
@@ -208,36 +213,17 @@ def _files(found: Iterable[str]) -> list[Path]:
     return sorted(Path(name) for name in found if _FILE.fullmatch(name))
 
 
-def _read_file(path: Path, largest: int) -> bytes:
-    try:
-        return safe_io.read_bytes(path, largest, links=False)
-    except safe_io.UnreadableError as error:
-        if not os.path.lexists(path):
-            raise CheckpointError(f"{path} is missing") from None
-        raise CheckpointError(f"cannot read {path}: {error}") from error
-
-
 def _read_manifest(directory: Path, name: str, settings_digest: str | None) -> dict[str, Any]:
     path = directory / f"{name}.json"
     try:
-        manifest = safe_io.parse_json(_read_file(path, _LARGEST_MANIFEST))
-    except ValueError as error:
-        raise CheckpointError(f"{path} is damaged: not valid JSON") from error
-    if not isinstance(manifest, dict) or "format" not in manifest:
-        raise CheckpointError(f"{path} is not a manifest of lanewise")
-    if other := safe_io.format_mismatch(manifest, FORMAT, VERSION):
-        raise CheckpointError(f"{path} {other}")
-    if manifest.get("manifest_sha256") != _digest_of(manifest):
-        raise CheckpointError(f"{path} was altered: its digest is not its own")
+        manifest = safe_io.read_document(path, FORMAT, VERSION, _LARGEST_MANIFEST, _DIGEST)
+    except safe_io.UnreadableError as error:
+        raise CheckpointError(f"cannot read {path}: {error}") from error
     if manifest["name"] != name:
         raise CheckpointError(f"{path} belongs to {brief(manifest['name'])}")
     if settings_digest is not None and manifest["settings_digest"] != settings_digest:
         raise CheckpointError(f"{directory / name}.safetensors was made with other settings")
     return manifest
-
-
-def _digest_of(manifest: Mapping[str, Any]) -> str:
-    return safe_io.digest(manifest, "manifest_sha256")
 
 
 def _size(template: Any) -> int:

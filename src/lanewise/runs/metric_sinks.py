@@ -15,7 +15,7 @@ from typing import Any, Self
 from lanewise.runs import metrics_file
 from lanewise.runs.metrics_file import COLUMNS, MetricsWriter
 from lanewise.system.extras import install, needed_for
-from lanewise.system.folder_io import OpenFolder
+from lanewise.system.folder_io import OpenFolder, begin_file
 
 TABLES = {"episode": "episodes.csv", "chunk": "chunks.csv"}
 """Tables by kind of record; a field that a record lacks is empty."""
@@ -84,11 +84,7 @@ class CsvTable:
 
     def __init__(self, folder: OpenFolder, kind: str) -> None:
         self._kind = kind
-        folder.require_same()
-        # A new file: a backup may hold the old one under another name.
-        folder.unlink(TABLES[kind])
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
-        file = os.open(TABLES[kind], flags, 0o644, dir_fd=folder.descriptor)
+        file = begin_file(folder, TABLES[kind])
         self._file = os.fdopen(file, "w", encoding="utf-8", newline="")
         self._rows = csv.DictWriter(self._file, COLUMNS[kind], lineterminator="\n")
         self._rows.writeheader()

@@ -10,11 +10,11 @@ import os
 from collections.abc import Mapping, Sequence
 from itertools import count
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-from lanewise.errors import CheckpointError, RunError, brief
+from lanewise.errors import CheckpointError, RunError
 from lanewise.system import safe_io
-from lanewise.system.folder_io import OpenFolder, opened, write_atomically
+from lanewise.system.folder_io import OpenFolder, begin_file, write_atomically
 
 LEVEL = ("updates", "transitions", "epsilon", "loss", "mean_q")
 FRESH = ("escape_rate", "success_rate", "accident_rate", "reward", "speed")
@@ -36,12 +36,8 @@ COLUMNS = {
     ),
 }
 """Fields by kind of record, besides the kind itself."""
-_OPTIONAL = ("validation_", "best_chunk", "high_level_")
-"""Beginnings of fields that only some chunks have."""
-_TEXTS = ("kind", "stage", "accident", "rule")
 _LARGEST = 500_000_000
 """Bytes of a file; ours have a few hundred a line."""
-_BLOCK = 65_536
 
 
 class MetricsWriter:
@@ -50,7 +46,7 @@ class MetricsWriter:
     def __init__(
         self, path: Path, resume_at: int | None = 0, folder: OpenFolder | None = None
     ) -> None:
-        """Opens the file and cuts it to its first ``resume_at`` bytes.
+        """Begins the file, anew or with its first ``resume_at`` bytes.
 
         Args:
             path: the file.
@@ -58,18 +54,9 @@ class MetricsWriter:
                 every whole line (timings).
             folder: the folder it lies in, open; None opens it.
         """
-        self._file = _open_to_append(path, folder)
-        size = self._file.tell()
-        if resume_at is None:
-            resume_at = _end_of_lines(self._file, path, size)
-        if size < resume_at:
-            self._file.close()
-            raise RunError(f"{path} is truncated: {size} bytes, the checkpoint expects {resume_at}")
-        self._file.truncate(resume_at)
-        self._file.seek(0, os.SEEK_END)
-        self._digest = hashlib.sha256()
-        for start in range(0, resume_at, _BLOCK):
-            self._digest.update(os.pread(self._file.fileno(), _BLOCK, start))
+        kept = _whole_lines(path, resume_at) if resume_at or os.path.lexists(path) else b""
+        self._file = os.fdopen(begin_file(folder or path.parent, path.name, kept), "ab")
+        self._digest = hashlib.sha256(kept)
 
     def append(self, record: Mapping[str, Any]) -> None:
         """Write one record; numbers that are not finite become null."""
@@ -96,7 +83,7 @@ class MetricsWriter:
 
 
 def read(path: Path, end: int | None = None, sha256: str | None = None) -> list[dict[str, Any]]:
-    """The lines of a file, objects of plain values; a last line cut short by a kill is left out.
+    """The records of a file; a last line cut short by a kill is left out.
 
     Args:
         path: the file.
@@ -104,29 +91,18 @@ def read(path: Path, end: int | None = None, sha256: str | None = None) -> list[
         sha256: digest that these bytes must have; None for any.
 
     Raises:
-        RunError: the file cannot be read, was altered, or a line is no object of plain values.
+        RunError: the file cannot be read, was altered, or a line is damaged.
     """
     data = _whole_lines(path, end)
+    if sha256 is not None and hashlib.sha256(data).hexdigest() != sha256:
+        raise RunError(f"{path} was altered after it was written")
     found = []
     for number, line in enumerate(data.splitlines(), 1):
         try:
-            found.append(_record(line))
+            found.append(safe_io.parse_json(line))
         except ValueError as error:
-            reason = f"line {number} is not valid JSON of plain values ({error})"
+            reason = f"line {number} is not valid JSON ({error})"
             raise RunError(f"{path} is damaged: {reason}") from error
-    if sha256 is not None and hashlib.sha256(data).hexdigest() != sha256:
-        raise RunError(f"{path} was altered after it was written")
-    return found
-
-
-def read_records(
-    path: Path, end: int | None = None, sha256: str | None = None
-) -> list[dict[str, Any]]:
-    """As `read`, each a record of a known kind with its fields."""
-    found = read(path, end, sha256)
-    for number, record in enumerate(found, 1):
-        if problem := _problem(record):
-            raise RunError(f"{path} is damaged: line {number} {problem}")
     return found
 
 
@@ -138,7 +114,7 @@ def read_marked(path: Path, meta: Mapping[str, Any]) -> list[dict[str, Any]]:
     length, digest = (meta.get(name) for name in ("metrics_bytes", "metrics_sha256"))
     if type(length) is not int:
         raise CheckpointError(f"{path}: a manifest does not say how far it goes")
-    return read_records(path, length, digest) if length else []
+    return read(path, length, digest) if length else []
 
 
 def keep_copy(path: Path, end: int, folder: OpenFolder | None = None) -> Path | None:
@@ -172,32 +148,6 @@ def settled_at(epsilon: Sequence[float | None]) -> int | None:
     return first if first < len(values) - 1 else None
 
 
-def _record(line: bytes) -> dict[str, Any]:
-    record = safe_io.parse_json(line)
-    if not isinstance(record, dict):
-        raise ValueError("it is no object")
-    for name, value in record.items():
-        if not (value is None or isinstance(value, str | int | float)):
-            raise ValueError(f"{brief(name)} is no plain value")
-    return record
-
-
-def _problem(record: Mapping[str, Any]) -> str:
-    """What is wrong with a record; empty where nothing is."""
-    kind = record.get("kind")
-    if kind not in COLUMNS:
-        return f"has a kind other than {', '.join(COLUMNS)}"
-    for name in COLUMNS[kind]:
-        if name not in record and not name.startswith(_OPTIONAL):
-            return f"lacks {name}"
-    for name, value in record.items():
-        if name != "kind" and name not in COLUMNS[kind]:
-            return f'has a field "{brief(name)}", which does not belong there'
-        if isinstance(value, str) != (name in _TEXTS):
-            return f"has a {name} of the wrong type"
-    return ""
-
-
 def _whole_lines(path: Path, end: int | None) -> bytes:
     """The whole lines up to a place, or all; what follows the last of all is left out."""
     try:
@@ -211,32 +161,6 @@ def _whole_lines(path: Path, end: int | None) -> bytes:
     except safe_io.UnreadableError as error:
         raise RunError(f"{path} is damaged: {error}") from error
     return data[:end]
-
-
-def _open_to_append(path: Path, folder: OpenFolder | None) -> IO[bytes]:
-    """Open a file that is no link, no pipe, and has no second name."""
-    flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK
-    try:
-        safe_io.require_plain(path)
-    except safe_io.UnreadableError as error:
-        raise RunError(f"cannot write {path}: {error}") from error
-    with opened(folder or path.parent) as place:
-        file = os.fdopen(os.open(path.name, flags, 0o644, dir_fd=place.descriptor), "ab")
-    if os.fstat(file.fileno()).st_nlink > 1:
-        file.close()
-        raise RunError(
-            f"cannot write {path}: another name leads to the same file (a hard link, as backups "
-            "make them); copy the run and resume the copy"
-        )
-    return file
-
-
-def _end_of_lines(file: IO[bytes], path: Path, size: int) -> int:
-    """Where the last whole line ends, looked for from the end of the file."""
-    tail = os.pread(file.fileno(), _BLOCK, max(0, size - _BLOCK))
-    if b"\n" not in tail and size > _BLOCK:
-        raise RunError(f"{path} is damaged: a line is longer than any record")
-    return size - len(tail) + tail.rfind(b"\n") + 1
 
 
 def _plain(value: Any) -> Any:

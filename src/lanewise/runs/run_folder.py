@@ -32,21 +32,15 @@ from lanewise.config import validation
 from lanewise.config.settings import Settings
 from lanewise.controllers.registry import STEP_1, TRAINABLE
 from lanewise.errors import RunError, SettingsError, brief
-from lanewise.fields.ranges import SEEDS
 from lanewise.system import process, safe_io, version
-from lanewise.system.folder_io import PARTIAL, OpenFolder, lock, make_locked, write_atomically
+from lanewise.system.folder_io import PARTIAL, OpenFolder, lock, write_atomically
 
 FORMAT = "lanewise-run"
 VERSION = 2
 _LARGEST_MANIFEST = 100_000
 LARGEST_SETTINGS = 100_000
 """Bytes of a file with every setting."""
-_FILES = (
-    *("run.json", "settings.toml", "metrics.jsonl", "timings.jsonl"),
-    *("episodes.csv", "chunks.csv"),
-)
 CHECKPOINTS, STAGES = "checkpoints", "stages"
-_FOLDERS = (CHECKPOINTS, STAGES, "tensorboard", "diverged")
 _ROUNDING = ("fast_math", "optimization_level")
 """Parts of names in ``XLA_FLAGS`` that change how the compiler rounds."""
 _UNOPTIMISED = "JAX_DISABLE_MOST_OPTIMIZATIONS"
@@ -94,14 +88,13 @@ class RunFolder:
             observed: how many numbers a controller observes.
 
         Raises:
-            RunError: the folder is not empty or in use, or the seed is out of range.
+            RunError: the folder is not empty or in use.
             SettingsError: the machine has too little memory for these settings.
         """
         validation.check_memory(settings, controller, process.total_memory(), observed)
         name = _name_of(path)
         require_empty(name)
-        _check_seed(seed, "")
-        held = make_locked(path, "training")
+        held = lock(path, "training")
         digest = config.digest(settings)
         folder = cls(name, settings, controller, seed, digest, task, compiler_switches())
         folder._held = held
@@ -118,7 +111,6 @@ class RunFolder:
     @classmethod
     def open(cls, path: Path) -> "RunFolder":
         """Read a run, without locking it."""
-        _check_names(path)
         manifest = _read_manifest(path / "run.json")
         return cls(
             path,
@@ -314,38 +306,15 @@ def _name_of(path: Path | OpenFolder) -> Path:
     return path.path if isinstance(path, OpenFolder) else path
 
 
-def _check_seed(seed: Any, prefix: str) -> None:
-    if type(seed) is not int or not SEEDS.holds(seed):
-        raise RunError(f"{prefix}seed must be a whole number {SEEDS}")
-
-
-def _check_names(path: Path) -> None:
-    """Refuse a run in which a name is a link or a pipe: whoever continues it writes there."""
-    for name in (*_FILES, *_FOLDERS):
-        try:
-            safe_io.require_plain(path / name, folder=name in _FOLDERS)
-        except safe_io.UnreadableError as error:
-            raise RunError(f"{path / name}: {error}") from error
-
-
 def _read_manifest(file: Path) -> dict[str, Any]:
     if not file.is_file():
         raise RunError(f"no run in {file.parent}: looked for {file}")
     try:
-        manifest = safe_io.parse_json(safe_io.read_bytes(file, _LARGEST_MANIFEST, links=False))
+        manifest = safe_io.read_document(file, FORMAT, VERSION, _LARGEST_MANIFEST)
     except safe_io.UnreadableError as error:
-        raise RunError(f"{file} is damaged: {error}") from error
-    except ValueError as error:
-        raise RunError(f"{file} is damaged: not valid JSON") from error
-    if not isinstance(manifest, dict) or "format" not in manifest:
-        raise RunError(f"{file} does not describe a run")
-    if other := safe_io.format_mismatch(manifest, FORMAT, VERSION):
-        raise RunError(f"{file} {other}")
-    if manifest.get("digest") != safe_io.digest(manifest):
-        raise RunError(f"{file} was altered: its digest is not its own")
+        raise RunError(f"cannot read {file}: {error}") from error
     if manifest["controller"] not in TRAINABLE:
         raise RunError(f'{file} trains an unknown controller, "{brief(manifest["controller"])}"')
-    _check_seed(manifest["seed"], f"{file} is damaged: ")
     return manifest
 
 

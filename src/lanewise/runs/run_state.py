@@ -139,7 +139,7 @@ def transfer_high_level(folder: RunFolder, plan: TrainingPlan, source: Path) -> 
 
 def training_metrics(folder: RunFolder) -> list[dict[str, Any]]:
     """The metrics of a run in full; those of its finished stages as they were written."""
-    done, found = finished_stages(folder), metrics_file.read_records(folder.metrics)
+    done, found = finished_stages(folder), metrics_file.read(folder.metrics)
     if done:
         written = metrics_file.read_marked(folder.metrics, _stage_meta(folder, done[-1]))
         if len(done) == len(CONTROLLERS[folder.controller].stages) and len(found) > len(written):

@@ -111,13 +111,17 @@ class FolderIdentity:
 
 
 def lock(place: Path | OpenFolder, doing: str) -> OpenFolder:
-    """Lock a folder; closing it, or the end of the process, releases the lock.
+    """Lock a folder, made if it is only named and missing.
+
+    Closing it, or the end of the process, releases the lock.
 
     The folder itself is locked. A lock file could be deleted, which would let another process in.
 
     Raises:
         RunError: another process is ``doing`` something in it, or its name leads elsewhere by now.
     """
+    if isinstance(place, Path):
+        place.mkdir(parents=True, exist_ok=True)
     folder = place.duplicate() if isinstance(place, OpenFolder) else OpenFolder(place)
     try:
         fcntl.flock(folder.descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -129,13 +133,6 @@ def lock(place: Path | OpenFolder, doing: str) -> OpenFolder:
             raise RunError(message) from None
         raise
     return folder
-
-
-def make_locked(place: Path | OpenFolder, doing: str) -> OpenFolder:
-    """Make a folder that is named and missing, and `lock` it; arguments and errors as there."""
-    if isinstance(place, Path):
-        place.mkdir(parents=True, exist_ok=True)
-    return lock(place, doing)
 
 
 @contextmanager
@@ -168,6 +165,16 @@ def write_atomically(directory: Path | OpenFolder, contents: Mapping[str, bytes]
             os.replace(name + PARTIAL, name, src_dir_fd=place, dst_dir_fd=place)
         # The new names survive a power cut.
         os.fsync(place)
+
+
+def begin_file(directory: Path | OpenFolder, name: str, kept: bytes = b"") -> int:
+    """A descriptor to append to a file that holds so far what is kept, and nothing else.
+
+    It is a new file: a backup may hold the old one under another name, a hard link.
+    """
+    with opened(directory) as folder:
+        write_atomically(folder, {name: kept})
+        return os.open(name, os.O_WRONLY | os.O_APPEND, dir_fd=folder.descriptor)
 
 
 def publish(source: Path, target: OpenFolder, last: str) -> None:

@@ -59,20 +59,6 @@ def _check_regular(status: os.stat_result) -> None:
         raise UnreadableError(f"{kind}, not a regular file")
 
 
-def require_plain(path: Path, *, folder: bool = False) -> None:
-    """Raise an UnreadableError if the name is of no regular file, or with ``folder`` no folder."""
-    try:
-        status = path.lstat()
-    except FileNotFoundError:
-        return
-    except OSError as cause:
-        raise UnreadableError(cause.strerror or str(cause)) from cause
-    if not folder:
-        _check_regular(status)
-    elif not stat.S_ISDIR(status.st_mode):
-        raise UnreadableError("not a folder")
-
-
 def parse_json(data: bytes) -> Any:
     """Parse JSON in UTF-8: no name twice in an object, no NaN, no infinity, not too deep."""
     try:
@@ -86,6 +72,27 @@ def parse_json(data: bytes) -> Any:
         raise ValueError("nested too deeply") from None
     _check_depth(found)
     return found
+
+
+def read_document(
+    path: Path, name: str, version: int, largest: int, field: str = "digest"
+) -> dict[str, Any]:
+    """Read a JSON document of ours, which carries its own `digest` in a field.
+
+    Raises:
+        UnreadableError: it cannot be read, has another format or version, or was altered.
+    """
+    try:
+        document = parse_json(read_bytes(path, largest, links=False))
+    except ValueError as error:
+        raise UnreadableError("not valid JSON") from error
+    if not isinstance(document, dict) or "format" not in document:
+        raise UnreadableError(f"not a document of the format {name}")
+    if other := format_mismatch(document, name, version):
+        raise UnreadableError(f"it {other}")
+    if document.get(field) != digest(document, field):
+        raise UnreadableError("it was altered: its digest is not its own")
+    return document
 
 
 def parse_toml(data: bytes) -> dict[str, Any]:
