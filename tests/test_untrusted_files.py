@@ -11,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -42,30 +43,24 @@ def test_no_source_runs_text():
 
 WATCHED = """
 import os, sys
-from contextlib import nullcontext, suppress
 from pathlib import Path
 
 sys.path[:] = sys.argv[1].split(os.pathsep)
 import untrusted_files
 
-loads = untrusted_files.TARGETS
+from lanewise.runs import trained
+
 place, planted = Path(sys.argv[2]), sys.argv[3]
-from lanewise.errors import LanewiseError
-from lanewise.runs import run_state, trained
-
-pretrained = [Path("pretrained") / name for name in ("single-level", "hierarchical")]
 
 
-def everything(twin):
-    for target in loads:
-        # The other sweep is not the one that is asked for, and is refused.
-        with suppress(LanewiseError) if twin == "other" else nullcontext():
-            target.load(place / twin / target.name)
-    for name in pretrained:
-        trained.load(name)
+def everything():
+    for target in untrusted_files.TARGETS:
+        target.load(place / target.name)
+    for name in ("single-level", "hierarchical"):
+        trained.load(Path("pretrained") / name)
 
 
-everything("other")  # What JAX and Python load for themselves, they load now.
+everything()  # What JAX and Python load for themselves, they load now.
 package = str(Path(trained.__file__).parent)
 caught = []
 REFUSED = (
@@ -86,14 +81,14 @@ def watch(event, arguments):
     if event == "open":
         path, mode, flags = arguments
         writes = (flags or 0) & (os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND)
-        inside = str(path).startswith((str(place / "whole"), package))
+        inside = str(path).startswith((str(place), package))
         # A file that is open already has a number for a path.
         if not isinstance(path, int) and (writes or not inside):
             caught.append((event, f"{path} {mode} {flags}"))
 
 
 sys.addaudithook(watch)
-everything("whole")
+everything()
 found = str(caught)
 caught.clear()
 exec(planted)
@@ -103,9 +98,9 @@ print(caught)
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory):
+def place(tmp_path_factory, _hierarchical_runs):
     path = tmp_path_factory.mktemp("untrusted")
-    untrusted_files.make(path)
+    untrusted_files.make(path, *_hierarchical_runs)
     return path
 
 
@@ -139,99 +134,68 @@ SECONDS = 20
 """After which a load counts as hanging: it waits for something that never comes."""
 
 
-def flip(file, other, rng):
+def flip(data, rng):
     """One bit."""
-    data = bytearray(file.read_bytes())
-    data[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
-    file.write_bytes(data)
+    place, bit = int(rng.integers(len(data))), 1 << int(rng.integers(8))
+    return data[:place] + bytes([data[place] ^ bit]) + data[place + 1 :]
 
 
-def truncate(file, other, rng):
-    data = file.read_bytes()
-    file.write_bytes(data[: int(rng.integers(len(data)))])
-
-
-def extend(file, other, rng):
-    file.write_bytes(file.read_bytes() + [b"\0" * 64, b"{}\n", rng.bytes(50)][rng.integers(3)])
-
-
-def swap(file, other, rng):
+def swap(data, rng):
     """Two parts change places."""
-    data = file.read_bytes()
     a, b = sorted(int(place) for place in rng.integers(1, len(data), 2))
-    file.write_bytes(data[b:] + data[a:b] + data[:a])
+    return data[b:] + data[a:b] + data[:a]
 
 
-def noise(file, other, rng):
-    file.write_bytes(rng.bytes(int(rng.integers(1, 4000))))
-
-
-def exchange(file, other, rng):
-    """The file of another run."""
-    file.write_bytes(other.read_bytes())
-
-
-def missing(file, other, rng):
-    file.unlink()
-
-
-def link(file, other, rng):
-    """A link to a file that is as it should be."""
-    kept = file.with_name(f"{file.name}.kept")
-    file.rename(kept)
-    file.symlink_to(kept)
-
-
-def endless(file, other, rng):
-    file.unlink()
-    file.symlink_to("/dev/zero")
-
-
-def pipe(file, other, rng):
-    """A pipe that nobody writes to."""
-    file.unlink()
-    os.mkfifo(file)
-
-
-def folder(file, other, rng):
-    file.unlink()
-    file.mkdir()
-
-
-def huge(file, other, rng):
-    """Larger than any memory; it takes no room on the disk."""
-    os.truncate(file, 12 * 1024**3)
-
-
-def deep(file, other, rng):
-    """Lists in lists in lists."""
-    depth = int(rng.choice([900, 20_000]))
-    file.write_text(("a = " if file.suffix == ".toml" else "") + "[" * depth + "]" * depth)
-
-
-def many(file, other, rng):
-    """Very many small things."""
-    file.write_text(("a = [" if file.suffix == ".toml" else "[") + '{"a":[]},' * 100_000 + "0]\n")
-
-
-def not_finite(file, other, rng):
+def not_finite(data, rng):
     """A number becomes NaN, infinity, or one of endless digits."""
-    data = file.read_bytes()
-    digits = [place for place, byte in enumerate(data) if 48 <= byte < 58]
-    place = digits[rng.integers(len(digits))]
-    words = [b"NaN", b"-Infinity", b"inf", b"1e999", b"9" * 5000]
-    file.write_bytes(data[:place] + words[rng.integers(len(words))] + data[place + 1 :])
+    place = rng.choice([place for place, byte in enumerate(data) if 48 <= byte < 58])
+    word = rng.choice([b"NaN", b"-Infinity", b"inf", b"1e999", b"9" * 5000])
+    return data[:place] + bytes(word) + data[place + 1 :]
 
 
-WAYS = (flip, truncate, extend, swap, noise, exchange, missing, link, endless, pipe, folder, huge)
-TEXT = (deep, many, not_finite)
-"""For JSON and TOML."""
+CONTENTS = {
+    "flip": flip,
+    "truncate": lambda data, rng: data[: int(rng.integers(len(data)))],
+    "extend": lambda data, rng: data + [b"\0" * 64, b"{}\n", rng.bytes(50)][rng.integers(3)],
+    "swap": swap,
+    "noise": lambda data, rng: rng.bytes(int(rng.integers(1, 4000))),
+}
+"""What becomes of a file's bytes."""
+TEXTS = {
+    "not finite": not_finite,
+    "deep": lambda data, rng: b"a = " + b"[" * 20_000 + b"]" * 20_000,
+    "many": lambda data, rng: b"[" + b'{"a":[]},' * 100_000 + b"0]\n",
+}
+"""What becomes of those of JSON and TOML."""
+
+
+def instead(put):
+    """Something else has the file's name."""
+
+    def replace(file):
+        kept = file.with_name(f"{file.name}.kept")
+        file.rename(kept)
+        put(file, kept)
+
+    return replace
+
+
+FILES = {
+    "missing": Path.unlink,
+    "link": instead(lambda file, kept: file.symlink_to(kept)),
+    "endless": instead(lambda file, _: file.symlink_to("/dev/zero")),
+    "pipe": instead(lambda file, _: os.mkfifo(file)),
+    "folder": instead(lambda file, _: file.mkdir()),
+    # Larger than any memory; it takes no room on the disk.
+    "huge": lambda file: os.truncate(file, 12 * 1024**3),
+}
+"""What becomes of a file itself."""
 
 
 @pytest.fixture(scope="module")
-def whole(place):
+def expected(place):
     """What the whole files give."""
-    return {each.name: fingerprint(each.load(place / "whole" / each.name)) for each in TARGETS}
+    return {each.name: fingerprint(each.load(place / each.name)) for each in TARGETS}
 
 
 def state_of(folder):
@@ -240,14 +204,14 @@ def state_of(folder):
     return {path: (each.st_mode, each.st_size, each.st_mtime_ns) for path, each in status.items()}
 
 
-def is_damage(target, name, how):
-    """Whether the way leaves something wrong at all."""
-    alone = len(target.files) == 1 and target.name != JOURNAL
-    if how is exchange and alone:
-        return False
-    # A kill leaves these, and they are made again.
-    again = name == "tests/lanewise.json" or name.startswith("run/checkpoints")
-    return not (how is missing and again)
+def damage(how, file, rng):
+    """Damage a file in one of the ways, where that leaves something wrong at all."""
+    if how in FILES:
+        # A kill leaves it without these, and they are made again.
+        if how != "missing" or not (file.name == "lanewise.json" or "checkpoints" in file.parts):
+            FILES[how](file)
+    elif how in CONTENTS or file.suffix in (".json", ".jsonl", ".toml"):
+        file.write_bytes((CONTENTS | TEXTS)[how](file.read_bytes(), rng))
 
 
 def problem(target, folder, whole):
@@ -271,24 +235,20 @@ def problem(target, folder, whole):
     return "" if found == whole or not target.signed else "loaded damaged"
 
 
-@pytest.mark.parametrize("how", WAYS + TEXT, ids=lambda how: how.__name__)
-def test_damage_is_refused(place, whole, tmp_path, how):
+@pytest.mark.parametrize("how", [*CONTENTS, *TEXTS, *FILES])
+def test_damage_is_refused(place, expected, tmp_path, how):
     def hang(*_):
         raise AssertionError("hangs")
 
     before, wrong, rng = signal.signal(signal.SIGALRM, hang), [], np.random.default_rng(3)
     try:
         for target in TARGETS:
-            for name in target.files:
-                binary = name.endswith((".safetensors", ".npz", ".csv"))
-                if not is_damage(target, name, how) or (how in TEXT and binary):
-                    continue
-                for number in range(3 if how in (flip, truncate, not_finite) else 1):
-                    folder = tmp_path / f"{number} {target.name} {name.replace('/', ' ')}"
-                    shutil.copytree(place / "whole" / target.name, folder)
-                    how(folder / name, place / "other" / target.name / name, rng)
-                    if said := problem(target, folder, whole[target.name]):
-                        wrong.append((target.name, name, said))
+            for name in target.files * (3 if how in ("flip", "truncate", "not finite") else 1):
+                folder = Path(tempfile.mkdtemp(dir=tmp_path)) / target.name
+                shutil.copytree(place / target.name, folder)
+                damage(how, folder / name, rng)
+                if said := problem(target, folder, expected[target.name]):
+                    wrong.append((target.name, name, said))
     finally:
         signal.signal(signal.SIGALRM, before)
     assert wrong == []

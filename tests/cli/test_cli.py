@@ -209,18 +209,3 @@ def test_output_escapes_what_the_encoding_lacks(monkeypatch):
     said = [stream.buffer.getvalue().decode("ascii") for stream in (sys.stdout, sys.stderr)]
     monkeypatch.undo()
     assert all("\\u65e5\\u672c" in each for each in said)
-
-
-def test_an_existing_run_is_not_overwritten(capsys, inside):
-    RunFolder.create(Path("run"), Settings(), "hierarchical", 0).close()
-    before = {path.name: path.read_bytes() for path in (inside / "run").iterdir()}
-    for words, hint in [
-        (TRAIN, "run holds a run already; --resume continues it"),
-        (["train", "single-level", "--out", "run", "--resume"], "trains hierarchical, not single"),
-        ([*TRAIN, "--resume", "--seed", "1"], "was made with seed 0, not 1"),
-        ([*TRAIN, "--resume", "--trap", "trap-10.9"], "scenario.trap_speed is 10.0, not 10.9"),
-        (["reproduce", "--out", "run"], "run holds a run already"),
-    ]:
-        assert main(words) == 2
-        assert hint in capsys.readouterr().err
-    assert {path.name: path.read_bytes() for path in (inside / "run").iterdir()} == before

@@ -269,11 +269,11 @@ def test_a_job_writes_into_no_other_folder(tmp_path, monkeypatch, change, late):
 
     monkeypatch.setattr(jobs_module.evaluate_trained, "evaluate", break_in)
     with folder_io.lock(out, "reproducing") as held:
-        identity = held.identity
+        status = held.status
         if not late:
             break_in()
             with pytest.raises(RunError, match="out was moved, removed or replaced"):
-                identity.open()
+                OpenFolder.same(out, status)
         # A training is refused before it begins; that of a reference driver has none.
         for job in jobs[-1:] if late else (jobs[2], jobs[-1]):
             with pytest.raises(RunError, match="out was moved, removed or replaced"):

@@ -7,6 +7,7 @@ import shutil
 import jax
 import numpy as np
 import pytest
+import small_runs
 
 from lanewise import config
 from lanewise.errors import RunError
@@ -19,7 +20,7 @@ from lanewise.system import safe_io, version
 from lanewise.system.folder_io import OpenFolder
 from lanewise.system.progress import Progress
 from lanewise.training.plan import TrainingPlan
-from untrusted_files import FLAGS, made_up_episodes, store_test
+from untrusted_files import made_up_episodes, store_test
 
 TEXT = """
 seeds = 2
@@ -35,6 +36,7 @@ controller = "single-level"
 controller = "rule-based"
 """
 FOUND = experiment.parse("x", TEXT)
+FLAGS = small_runs.flags(chunks=5)
 
 
 def finish(job, weight):

@@ -213,17 +213,6 @@ def test_a_kill_at_any_step_leaves_a_whole_checkpoint(stored, monkeypatch, step)
     assert not list(stored.glob("*.partial"))
 
 
-def test_a_link_in_the_way_is_replaced_not_followed(tmp_path):
-    victim, folder = tmp_path / "victim", tmp_path / "run"
-    victim.write_text("precious")
-    folder.mkdir()
-    for name in ("controller.safetensors.partial", "controller.json"):
-        (folder / name).symlink_to(victim)
-    save(folder, "controller", ARRAYS, {}, DIGEST)
-    assert victim.read_text() == "precious"
-    assert load(folder, "controller").tree
-
-
 STRAY = [
     *("z-backup-0", "stage-00-chunk-00000099 (copy)", "old-stage-00-chunk-00000099"),
     *("stage-00-chunk-99", "stage-00-chunk-00000099.json", "stage-0\u0660-chunk-00000099"),

@@ -9,7 +9,7 @@ from lanewise.config.settings import PRESETS, TRAPS, Settings
 from lanewise.controllers.registry import TRAINABLE, WITH_STEP_1
 from lanewise.errors import RunError, shell_line
 from lanewise.fields.ranges import SEEDS, OneOf
-from lanewise.runs.run_folder import RunFolder, open_high_level, stages_of
+from lanewise.runs.run_folder import STAGES, RunFolder, open_high_level
 from lanewise.system.progress import Progress, tell
 
 
@@ -82,7 +82,7 @@ def run(parsed: Parsed[Train]) -> int:
 def how_to_continue(command: Train) -> str:
     """Says how an interrupted training is continued."""
     words = ["train", command.controller, "--out", str(command.out)]
-    if command.high_level is not None and not stages_of(command.out).exists():
+    if command.high_level is not None and not (command.out / STAGES).exists():
         words += ["--high-level", str(command.high_level)]  # not taken over yet
     return f"continue with:\n  {shell_line('lanewise', *words, '--resume')}"
 

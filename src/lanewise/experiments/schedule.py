@@ -8,6 +8,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from multiprocessing import active_children, connection, get_context, parent_process
+from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import NoReturn, TextIO
@@ -17,7 +18,7 @@ from lanewise.evaluation.concurrent import ONE_THREAD
 from lanewise.experiments import jobs as job_list
 from lanewise.experiments.jobs import Job
 from lanewise.system import process
-from lanewise.system.folder_io import FolderIdentity, OpenFolder
+from lanewise.system.folder_io import OpenFolder
 from lanewise.system.progress import Progress, duration, unfailing
 
 COMPILED = "JAX_COMPILATION_CACHE_DIR"
@@ -74,13 +75,17 @@ def _completed(
             waiting.remove(job)
             # With many jobs a line now and then from each is enough.
             interval = 10.0 if len(jobs) <= processes else 60.0
-            busy[pool.submit(_work, job, interval, _ending(), out.identity)] = job
+            busy[pool.submit(_work, job, interval, _ending(), out.path, out.status)] = job
         for future in wait(busy, return_when=FIRST_COMPLETED).done:
             yield busy.pop(future), future.result()
 
 
 def _work(
-    job: Job, interval: float, ending: Sequence[signal.Signals], out: FolderIdentity
+    job: Job,
+    interval: float,
+    ending: Sequence[signal.Signals],
+    out: Path,
+    status: os.stat_result,
 ) -> Times:
     """A job, in a process of its own, with a line about it every so many seconds.
 
@@ -89,7 +94,7 @@ def _work(
     with (
         ExitStack() as handlers,
         Progress(interval=interval, prefix=f"[{job.label}] ") as reporter,
-        out.open() as folder,
+        OpenFolder.same(out, status) as folder,
     ):
         for number in ending:
             before = signal.signal(number, signal.default_int_handler)

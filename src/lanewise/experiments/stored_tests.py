@@ -118,7 +118,7 @@ def _identity(path: Path, seed: int, weights: str | None) -> dict[str, Any]:
     return {
         "seed": seed,
         "settings_sha256": _sha256(text),
-        "weights_sha256": checkpoint.read_digest(path, weights) if weights else None,
+        "weights_sha256": checkpoint.read_manifest(path, weights)["sha256"] if weights else None,
     }
 
 

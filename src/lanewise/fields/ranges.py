@@ -10,9 +10,6 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 from lanewise.errors import SettingsError, brief
 
-_MOST_DIGITS = 4000
-"""Python refuses to read a whole number of 4300 digits."""
-
 
 @dataclass(frozen=True)
 class Between:
@@ -124,9 +121,6 @@ class FieldType:
         try:
             if self.type is bool:
                 return {"true": True, "false": False}[word.lower()]
-            if self.type is int and word.lstrip("+-").isdecimal():
-                # So many digits are out of every range, however many are left out.
-                word = word[:_MOST_DIGITS]
             return self.type(word)
         except (KeyError, ValueError):
             raise SettingsError(f'{name}: expected {self._noun}, got "{brief(word)}"') from None
@@ -167,10 +161,7 @@ def show(value: object) -> str:
         return f'"{brief(value)}"'
     if isinstance(value, tuple | list):
         return "[" + ", ".join(show(member) for member in value[:8]) + "]"
-    try:
-        return str(value)[:80]
-    except ValueError:  # Python refuses to print integers of many thousand digits.
-        return "a number too long to print"
+    return str(value)[:80]
 
 
 def _names_a_file(value: object) -> bool:

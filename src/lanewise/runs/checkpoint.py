@@ -116,7 +116,7 @@ def load(
         CheckpointError: a file is missing, a link, too large, damaged, of other settings, or
             differs from the template.
     """
-    manifest = _read_manifest(directory, name, settings_digest)
+    manifest = read_manifest(directory, name, settings_digest)
     path = directory / f"{name}.safetensors"
     largest = _LARGEST_FILE if template is None else _size(template) + _LARGEST_HEADER
     try:
@@ -140,15 +140,18 @@ def load(
         raise CheckpointError(f"{path}: {error}") from error
 
 
-def read_meta(directory: Path, name: str, settings_digest: str | None = None) -> dict[str, Any]:
-    """The ``meta`` of what is stored under a name; reads no array, and raises as `load`."""
-    meta: dict[str, Any] = _read_manifest(directory, name, settings_digest)["meta"]
-    return meta
-
-
-def read_digest(directory: Path, name: str) -> str:
-    """SHA-256 of the file with the arrays, as its manifest has it; raises as `load`."""
-    return str(_read_manifest(directory, name, None)["sha256"])
+def read_manifest(directory: Path, name: str, settings_digest: str | None = None) -> dict[str, Any]:
+    """What `save` wrote beside the arrays; reads none of them, and raises as `load`."""
+    path = directory / f"{name}.json"
+    try:
+        manifest = safe_io.read_document(path, FORMAT, VERSION, _LARGEST_MANIFEST, _DIGEST)
+    except safe_io.UnreadableError as error:
+        raise CheckpointError(f"cannot read {path}: {error}") from error
+    if manifest["name"] != name:
+        raise CheckpointError(f"{path} belongs to {brief(manifest['name'])}")
+    if settings_digest is not None and manifest["settings_digest"] != settings_digest:
+        raise CheckpointError(f"{directory / name}.safetensors was made with other settings")
+    return manifest
 
 
 def names(directory: Path) -> list[str]:
@@ -181,7 +184,7 @@ def newest_valid(
         if not name.startswith(prefix):
             continue
         try:
-            accept(read_meta(directory, name, settings_digest))
+            accept(read_manifest(directory, name, settings_digest)["meta"])
             found = load(directory, name, template, settings_digest)
         except (CheckpointError, RunError) as error:
             problems.append(str(error))
@@ -211,19 +214,6 @@ def prune(directory: Path | OpenFolder, keep: int, unusable: Collection[str] = (
 def _files(found: Iterable[str]) -> list[Path]:
     """Names of checkpoint files, oldest first and each manifest before its data."""
     return sorted(Path(name) for name in found if _FILE.fullmatch(name))
-
-
-def _read_manifest(directory: Path, name: str, settings_digest: str | None) -> dict[str, Any]:
-    path = directory / f"{name}.json"
-    try:
-        manifest = safe_io.read_document(path, FORMAT, VERSION, _LARGEST_MANIFEST, _DIGEST)
-    except safe_io.UnreadableError as error:
-        raise CheckpointError(f"cannot read {path}: {error}") from error
-    if manifest["name"] != name:
-        raise CheckpointError(f"{path} belongs to {brief(manifest['name'])}")
-    if settings_digest is not None and manifest["settings_digest"] != settings_digest:
-        raise CheckpointError(f"{directory / name}.safetensors was made with other settings")
-    return manifest
 
 
 def _size(template: Any) -> int:

@@ -145,7 +145,7 @@ def find_first_nonfinite(path: Path | str, task: TaskFunctions = PAPER_TASK) -> 
     if not (place / f"{BEFORE}.json").exists():
         raise RunError(f"{folder.path} holds no training whose numbers went wrong")
     training = TrainingPlan.build(folder.settings, folder.controller, task)
-    meta = checkpoint.read_meta(place, BEFORE, folder.digest)
+    meta = checkpoint.read_manifest(place, BEFORE, folder.digest)["meta"]
     index, chunk = meta["stage"], meta["chunks"] + 1
     shapes = training.progress(index)["state"]
     before: StageState = checkpoint.load(place, BEFORE, shapes, folder.digest).tree

@@ -179,7 +179,7 @@ class RunFolder:
     @property
     def stages(self) -> Path:
         """Where finished stages leave what they hand on; made by the first of them."""
-        return stages_of(self.path)
+        return self.path / STAGES
 
     def check_parts(self, task: tuple[str, ...]) -> None:
         """Raise a RunError for functions of other names than the run was made with."""
@@ -247,11 +247,6 @@ def compiler_switches() -> tuple[str, ...]:
     if os.environ.get(_UNOPTIMISED, "0").lower() in ("1", "y", "yes", "t", "true", "on"):
         found.append(f"{_UNOPTIMISED}=1")
     return tuple(sorted(found))
-
-
-def stages_of(path: Path) -> Path:
-    """Where the finished stages of the run in a folder lie."""
-    return path / STAGES
 
 
 def open_high_level(source: Path, settings: Settings, task: tuple[str, ...] = ()) -> RunFolder:

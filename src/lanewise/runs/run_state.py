@@ -123,7 +123,7 @@ def save_controller(folder: RunFolder, parameters: Parameters) -> None:
 
 def weights_digest(folder: RunFolder) -> str:
     """SHA-256 of a finished run's weights, which stands for all of the training behind them."""
-    return checkpoint.read_digest(folder.path, CONTROLLER)
+    return str(checkpoint.read_manifest(folder.path, CONTROLLER)["sha256"])
 
 
 def transfer_high_level(folder: RunFolder, plan: TrainingPlan, source: Path) -> None:
@@ -154,4 +154,5 @@ def check_seed(folder: RunFolder, meta: dict[str, Any], file: Path) -> None:
 
 
 def _stage_meta(folder: RunFolder, name: str) -> dict[str, Any]:
-    return checkpoint.read_meta(folder.stages, name, folder.digest)
+    meta: dict[str, Any] = checkpoint.read_manifest(folder.stages, name, folder.digest)["meta"]
+    return meta

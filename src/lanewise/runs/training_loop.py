@@ -117,7 +117,7 @@ class _Training:
         saved = time.monotonic()
         # Within a chunk state and metrics do not fit together, and cannot be saved.
         hear = partial(reporter.note, "stopping once this chunk is finished and saved")
-        with process.Interrupts(hear) as interrupts:
+        with process.interrupts(hear) as asked_to_stop:
             while not stage.finished(progress.counters):
                 began = time.monotonic()
                 try:
@@ -126,10 +126,10 @@ class _Training:
                     raise self._diverged(index, frozen, progress, error) from None
                 self._write(report, time.monotonic() - began)
                 reporter.update(stage.fraction(progress.counters), **_figures(report.chunk))
-                if interrupts.asked or time.monotonic() - saved > INTERVAL:
+                if asked_to_stop() or time.monotonic() - saved > INTERVAL:
                     self._save(index, progress)
                     saved = time.monotonic()
-                if interrupts.asked:
+                if asked_to_stop():
                     raise KeyboardInterrupt
         self._finish(stage, frozen, progress)
 

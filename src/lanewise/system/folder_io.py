@@ -8,7 +8,6 @@ import fcntl
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from lanewise.errors import RunError
@@ -50,15 +49,28 @@ class OpenFolder:
         copy.descriptor = os.open(".", os.O_RDONLY | os.O_DIRECTORY, dir_fd=self.descriptor)
         return copy
 
+    @classmethod
+    def same(cls, path: Path, status: os.stat_result) -> "OpenFolder":
+        """Open a folder that another process holds, by its ``status``; raises as `require_same`."""
+        with suppress(FileNotFoundError, NotADirectoryError):
+            folder = cls(path)
+            if os.path.samestat(folder.status, status):
+                return folder
+            folder.close()
+        raise _gone(path)
+
     @property
-    def identity(self) -> "FolderIdentity":
-        """What another process needs to open the same folder."""
-        status = os.fstat(self.descriptor)
-        return FolderIdentity(self.path, status.st_dev, status.st_ino)
+    def status(self) -> os.stat_result:
+        """Which folder it is."""
+        return os.fstat(self.descriptor)
 
     def require_same(self) -> None:
         """Raise a RunError where the name no longer leads here; called before each write."""
-        self._root.identity.require()
+        root = self._root
+        with suppress(FileNotFoundError, NotADirectoryError):
+            if os.path.samestat(os.stat(root.path), root.status):
+                return
+        raise _gone(root.path)
 
     def unlink(self, name: str) -> None:
         """Delete a file in it, if there is one."""
@@ -78,36 +90,11 @@ class OpenFolder:
         self.close()
 
 
-@dataclass(frozen=True)
-class FolderIdentity:
-    """Which folder a name led to."""
-
-    path: Path
-    device: int
-    inode: int
-
-    def open(self) -> OpenFolder:
-        """Open that folder; raises as `require`."""
-        with suppress(FileNotFoundError, NotADirectoryError):
-            folder = OpenFolder(self.path)
-            if folder.identity == self:
-                return folder
-            folder.close()
-        raise self._gone()
-
-    def require(self) -> None:
-        """Raise a RunError for another folder, or none, under the name."""
-        with suppress(FileNotFoundError, NotADirectoryError):
-            status = os.stat(self.path)
-            if (status.st_dev, status.st_ino) == (self.device, self.inode):
-                return
-        raise self._gone()
-
-    def _gone(self) -> RunError:
-        return RunError(
-            f"{self.path} was moved, removed or replaced; nothing more is written\n"
-            "  a folder that was moved can be continued under its new name"
-        )
+def _gone(path: Path) -> RunError:
+    return RunError(
+        f"{path} was moved, removed or replaced; nothing more is written\n"
+        "  a folder that was moved can be continued under its new name"
+    )
 
 
 def lock(place: Path | OpenFolder, doing: str) -> OpenFolder:

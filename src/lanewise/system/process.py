@@ -5,7 +5,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 from lanewise.errors import LanewiseError
@@ -52,32 +52,25 @@ def handle_signal(number: signal.Signals, handler: Handler) -> Iterator[None]:
         signal.signal(number, before)
 
 
-class Interrupts:
+@contextmanager
+def interrupts(hear: Callable[[], object]) -> Iterator[Callable[[], bool]]:
     """Within it, Ctrl-C and SIGTERM only ask to stop; a second one does not wait.
 
-    By SIGTERM clusters announce that a machine is needed otherwise.
+    By SIGTERM clusters announce that a machine is needed otherwise. ``hear`` is called at the
+    first; the function yielded tells whether there was one.
     """
+    asked = False
 
-    def __init__(self, hear: Callable[[], object]) -> None:
-        self.asked = False
-        """Whether there was one."""
-        self._hear = hear
-        self._handlers = ExitStack()
-
-    def __enter__(self) -> "Interrupts":
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._handlers.enter_context(handle_signal(number, self._handle))
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._handlers.close()
-
-    def _handle(self, *_: object) -> None:
-        if self.asked:
+    def handle(*_: object) -> None:
+        nonlocal asked
+        if asked:
             raise KeyboardInterrupt
-        self.asked = True
+        asked = True
         with suppress(RuntimeError):  # In the middle of another line.
-            self._hear()
+            hear()
+
+    with handle_signal(signal.SIGINT, handle), handle_signal(signal.SIGTERM, handle):
+        yield lambda: asked
 
 
 def refuse_forked() -> None:
