@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 import record
 
-from lanewise.errors import CheckpointError
+from lanewise.errors import CheckpointError, LanewiseError
 from lanewise.runs import checkpoint
 from lanewise.system import folder_io
 from lanewise.system.progress import Progress
@@ -131,7 +131,7 @@ def judge(folder, last):
         number, _ = newest(folder)
         left = [path.name for path in folder.iterdir() if path.name.endswith(folder_io.PARTIAL)]
         return "" if number == last + 2 and not left else f"saving again left {number}, {left}"
-    except (CheckpointError, OSError) as error:
+    except (LanewiseError, OSError) as error:
         return str(error)
 
 

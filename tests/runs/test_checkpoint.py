@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lanewise.errors import CheckpointError
+from lanewise.errors import CheckpointError, LanewiseError
 from lanewise.runs import checkpoint, pytree_io
 from lanewise.runs.checkpoint import checkpoint_name, load, names, newest_valid, save
 from lanewise.system import folder_io
@@ -126,7 +126,7 @@ DAMAGE = [
 def test_damage_is_named_and_an_older_whole_checkpoint_is_used(stored, ending, damage, hint):
     assert newest_valid(stored, None, DIGEST)[1] == ""
     damage(stored / (NEWEST + ending))
-    with pytest.raises(CheckpointError, match=hint) as caught:
+    with pytest.raises(LanewiseError, match=hint) as caught:
         load(stored, NEWEST, ARRAYS, DIGEST)
     assert len(str(caught.value).splitlines()) == 1
     found, warning = newest_valid(stored, ARRAYS, DIGEST)

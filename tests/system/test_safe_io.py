@@ -17,7 +17,7 @@ def test_json_nested_too_deeply():
 
 def test_devices_pipes_and_links_are_no_files(tmp_path):
     for name in ("/dev/zero", "/proc/self/status"):
-        with pytest.raises(LanewiseError, match=f"cannot read settings file {name}: .*not a reg"):
+        with pytest.raises(LanewiseError, match=f"cannot read {name}: .*not a reg"):
             config.load_toml(Path(name))
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "link").symlink_to(tmp_path / "file")

@@ -110,7 +110,7 @@ def read(path: Path, identity: dict[str, Any]) -> tuple[bytes, list[Reach | Poin
             record = safe_io.parse_json(line)
             results.append(_result(record, digest))
             digest = record["digest"]
-    except (ValueError, safe_io.UnreadableError) as error:
+    except ValueError as error:
         raise RunError(f"{path} is damaged: remove it to begin anew ({error})") from error
     return content, results, digest
 

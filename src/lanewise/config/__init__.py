@@ -110,13 +110,13 @@ def load_toml(path: Path, data: bytes | None = None) -> dict[str, object]:
         data: Its content; read from the file if not given.
 
     Raises:
-        SettingsError: The file cannot be read, or something in it is wrong.
+        UnreadableError: The file cannot be read.
+        SettingsError: Something in it is wrong.
     """
     try:
-        data = safe_io.read_bytes(path, _LARGEST_FILE) if data is None else data
-        table = safe_io.parse_toml(data)
-    except safe_io.UnreadableError as error:
-        raise SettingsError(f"cannot read settings file {path}: {error}") from error
+        table = safe_io.parse_toml(
+            safe_io.read_bytes(path, _LARGEST_FILE) if data is None else data
+        )
     except ValueError as error:
         raise SettingsError(f"{path} is not valid TOML: {error}") from error
     try:

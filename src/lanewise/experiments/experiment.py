@@ -119,8 +119,6 @@ def load_file(path: Path) -> Experiment:
     """
     try:
         return parse(path.stem, safe_io.read_bytes(path, _LARGEST_FILE).decode("utf-8"))
-    except safe_io.UnreadableError as error:
-        raise SettingsError(f"cannot read experiment {path}: {error}") from error
     except UnicodeDecodeError as error:
         raise SettingsError(f"cannot read experiment {path}: not UTF-8 text") from error
     except SettingsError as error:
@@ -238,7 +236,7 @@ def _name_in(file: Path) -> str:
             raise RunError(f"{file} {other}")
         if not isinstance(found, dict) or not isinstance(found.get("experiment"), str):
             raise ValueError("it has other fields")
-    except (ValueError, safe_io.UnreadableError) as error:
+    except ValueError as error:
         raise RunError(
             f"{file} does not name an experiment: {error}\n"
             "  choose another folder, or delete it if the runs are of this experiment"

@@ -129,10 +129,7 @@ def check(job: Job) -> None:
     if (job.path / "run.json").exists():
         RunFolder.resume(job.path, job.settings, job.controller, job.seed).close()
     elif not job.trains and os.path.lexists(file := job.path / SETTINGS):
-        try:
-            data = safe_io.read_bytes(file, LARGEST_SETTINGS, links=False)
-        except safe_io.UnreadableError as error:
-            raise RunError(f"cannot read {file}: {error}; choose another folder") from error
+        data = safe_io.read_bytes(file, LARGEST_SETTINGS, links=False)
         difference = config.first_difference(config.compose(file=file, data=data), job.settings)
         if difference:
             raise RunError(f"{job.path} was tested with other settings: there {difference}")

@@ -92,8 +92,9 @@ def read(
         return None
     try:
         stored = safe_io.read_document(file, _FORMAT, _VERSION, _LARGEST_SUMMARY)
+        content = safe_io.read_bytes(table, _LARGEST_TABLE, links=False)
     except safe_io.UnreadableError as error:
-        raise RunError(f"cannot read {file}: {error}{_REMEDY}") from error
+        raise RunError(f"{error}{_REMEDY}") from error
     try:
         run = _identity(path, seed, weights)
     except (CheckpointError, safe_io.UnreadableError) as error:
@@ -101,10 +102,6 @@ def read(
     tested = (stored["summary"]["controller"], stored["summary"]["world"], stored["run"])
     if tested != (controller, world, run):
         raise RunError(f"{file} is a test of another run{_REMEDY}")
-    try:
-        content = safe_io.read_bytes(table, _LARGEST_TABLE, links=False)
-    except safe_io.UnreadableError as error:
-        raise RunError(f"cannot read {table}: {error}{_REMEDY}") from error
     if _sha256(content) != stored["episodes_sha256"]:
         raise RunError(f"{table} was altered{_REMEDY}")
     episodes = metrics.from_csv(content.decode("utf-8"))

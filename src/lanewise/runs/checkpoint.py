@@ -21,7 +21,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as load_safetensors
 from safetensors.numpy import save as save_safetensors
 
-from lanewise.errors import CheckpointError, RunError, brief
+from lanewise.errors import CheckpointError, LanewiseError, brief
 from lanewise.runs import pytree_io
 from lanewise.system import safe_io
 from lanewise.system.folder_io import PARTIAL, OpenFolder, opened, write_atomically
@@ -113,16 +113,13 @@ def load(
         settings_digest: digest of the settings they must belong to; None for any.
 
     Raises:
-        CheckpointError: a file is missing, a link, too large, damaged, of other settings, or
-            differs from the template.
+        UnreadableError: a file is missing, a link, too large, or the manifest is damaged.
+        CheckpointError: the arrays are damaged, of other settings, or differ from the template.
     """
     manifest = read_manifest(directory, name, settings_digest)
     path = directory / f"{name}.safetensors"
     largest = _LARGEST_FILE if template is None else _size(template) + _LARGEST_HEADER
-    try:
-        data = safe_io.read_bytes(path, largest, links=False)
-    except safe_io.UnreadableError as error:
-        raise CheckpointError(f"cannot read {path}: {error}") from error
+    data = safe_io.read_bytes(path, largest, links=False)
     if hashlib.sha256(data).hexdigest() != manifest["sha256"]:
         raise CheckpointError(f"{path} was truncated or altered: its digest is not the manifest's")
     try:
@@ -143,10 +140,7 @@ def load(
 def read_manifest(directory: Path, name: str, settings_digest: str | None = None) -> dict[str, Any]:
     """What `save` wrote beside the arrays; reads none of them, and raises as `load`."""
     path = directory / f"{name}.json"
-    try:
-        manifest = safe_io.read_document(path, FORMAT, VERSION, _LARGEST_MANIFEST, _DIGEST)
-    except safe_io.UnreadableError as error:
-        raise CheckpointError(f"cannot read {path}: {error}") from error
+    manifest = safe_io.read_document(path, FORMAT, VERSION, _LARGEST_MANIFEST, _DIGEST)
     if manifest["name"] != name:
         raise CheckpointError(f"{path} belongs to {brief(manifest['name'])}")
     if settings_digest is not None and manifest["settings_digest"] != settings_digest:
@@ -186,7 +180,7 @@ def newest_valid(
         try:
             accept(read_manifest(directory, name, settings_digest)["meta"])
             found = load(directory, name, template, settings_digest)
-        except (CheckpointError, RunError) as error:
+        except LanewiseError as error:
             problems.append(str(error))
         else:
             warning = f"{problems[0]}; continuing from {name}" if problems else ""

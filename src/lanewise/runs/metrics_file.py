@@ -150,16 +150,13 @@ def settled_at(epsilon: Sequence[float | None]) -> int | None:
 
 def _whole_lines(path: Path, end: int | None) -> bytes:
     """The whole lines up to a place, or all; what follows the last of all is left out."""
-    try:
-        data = safe_io.read_bytes(path, _LARGEST, links=False)
-        if end is None:
-            end = data.rfind(b"\n") + 1
-        if len(data) < end:
-            raise safe_io.UnreadableError(f"truncated: {len(data)} of {end} bytes")
-        if data[:end][-1:] not in (b"", b"\n"):
-            raise safe_io.UnreadableError(f"no line ends at byte {end}")
-    except safe_io.UnreadableError as error:
-        raise RunError(f"{path} is damaged: {error}") from error
+    data = safe_io.read_bytes(path, _LARGEST, links=False)
+    if end is None:
+        end = data.rfind(b"\n") + 1
+    if len(data) < end:
+        raise RunError(f"{path} is damaged: truncated: {len(data)} of {end} bytes")
+    if data[:end][-1:] not in (b"", b"\n"):
+        raise RunError(f"{path} is damaged: no line ends at byte {end}")
     return data[:end]
 
 

@@ -304,20 +304,14 @@ def _name_of(path: Path | OpenFolder) -> Path:
 def _read_manifest(file: Path) -> dict[str, Any]:
     if not file.is_file():
         raise RunError(f"no run in {file.parent}: looked for {file}")
-    try:
-        manifest = safe_io.read_document(file, FORMAT, VERSION, _LARGEST_MANIFEST)
-    except safe_io.UnreadableError as error:
-        raise RunError(f"cannot read {file}: {error}") from error
+    manifest = safe_io.read_document(file, FORMAT, VERSION, _LARGEST_MANIFEST)
     if manifest["controller"] not in TRAINABLE:
         raise RunError(f'{file} trains an unknown controller, "{brief(manifest["controller"])}"')
     return manifest
 
 
 def _read_settings(file: Path, digest: str) -> Settings:
-    try:
-        data = safe_io.read_bytes(file, LARGEST_SETTINGS, links=False)
-    except safe_io.UnreadableError as error:
-        raise RunError(f"cannot read settings file {file}: {error}") from error
+    data = safe_io.read_bytes(file, LARGEST_SETTINGS, links=False)
     if hashlib.sha256(data).hexdigest() != digest:
         raise RunError(f"{file} was altered after the run was made")
     try:

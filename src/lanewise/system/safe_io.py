@@ -17,7 +17,7 @@ from lanewise.system.version import __version__
 
 
 class UnreadableError(LanewiseError):
-    """A file cannot be read; the message says why, and the caller adds which file."""
+    """A file cannot be read, or was altered; says which and why."""
 
 
 def read_bytes(path: Path, largest: int, *, links: bool = True) -> bytes:
@@ -29,27 +29,26 @@ def read_bytes(path: Path, largest: int, *, links: bool = True) -> bytes:
     # Without O_NONBLOCK, opening a pipe would wait for its writer.
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | (0 if links else os.O_NOFOLLOW)
     try:
-        _check_regular(path.stat() if links else path.lstat())
+        _require_regular(path.stat() if links else path.lstat())
         with os.fdopen(os.open(path, flags), "rb") as file:
-            status = os.fstat(file.fileno())
-            _check_regular(status)
-            if status.st_size > largest:
-                raise UnreadableError(f"too large: larger than {largest} bytes")
+            size = os.fstat(file.fileno()).st_size
+            if size > largest:
+                raise OSError(f"too large: larger than {largest} bytes")
             # Some special files report a length of 0 and yet hold something.
-            data = file.read(status.st_size + 1)
+            data = file.read(size + 1)
+        if len(data) != size:
+            raise OSError("not a regular file: its length is not what it says")
     except OSError as cause:
-        raise UnreadableError(cause.strerror or str(cause)) from cause
-    if len(data) != status.st_size:
-        raise UnreadableError("not a regular file: its length is not what it says")
+        raise UnreadableError(f"cannot read {path}: {cause.strerror or cause}") from cause
     return data
 
 
-def _check_regular(status: os.stat_result) -> None:
+def _require_regular(status: os.stat_result) -> None:
     if stat.S_ISDIR(status.st_mode):
-        raise UnreadableError("Is a directory, not a regular file")
+        raise OSError("Is a directory, not a regular file")
     if not stat.S_ISREG(status.st_mode):
         kind = "a link" if stat.S_ISLNK(status.st_mode) else "a pipe or a device"
-        raise UnreadableError(f"{kind}, not a regular file")
+        raise OSError(f"{kind}, not a regular file")
 
 
 def parse_json(data: bytes) -> Any:
@@ -71,13 +70,13 @@ def read_document(
     try:
         document = parse_json(read_bytes(path, largest, links=False))
     except ValueError as error:
-        raise UnreadableError("not valid JSON") from error
+        raise UnreadableError(f"{path} is damaged: not valid JSON") from error
     if not isinstance(document, dict) or "format" not in document:
-        raise UnreadableError(f"not a document of the format {name}")
+        raise UnreadableError(f"{path} is not of the format {name}")
     if other := format_mismatch(document, name, version):
-        raise UnreadableError(f"it {other}")
+        raise UnreadableError(f"{path} {other}")
     if document.get(field) != digest(document, field):
-        raise UnreadableError("it was altered: its digest is not its own")
+        raise UnreadableError(f"{path} was altered: its digest is not its own")
     return document
 
 
