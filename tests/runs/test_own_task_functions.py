@@ -15,12 +15,11 @@ import lanewise
 from lanewise import config
 from lanewise.cli.main import main
 from lanewise.driving.settings import DrivingSettings
-from lanewise.errors import LanewiseError, RunError, SettingsError
+from lanewise.errors import RunError, SettingsError
 from lanewise.runs import metrics_file
 from lanewise.runs.run_folder import RunFolder
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
-from lanewise.system import process
 
 FLAGS = small_runs.flags(chunks=5)
 
@@ -147,15 +146,6 @@ def test_parts_are_tried_in_full_before_a_run_is_made(tmp_path, task, said):
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.slow
-def test_memory_is_asked_for_what_is_observed(tmp_path, monkeypatch):
-    monkeypatch.setattr(process, "total_memory", lambda: 1 << 25)
-    wide = lanewise.TaskFunctions(observe=lambda settings, world: jnp.zeros(60_000))
-    with pytest.raises(SettingsError, match=r"the machine has 0\.0 GiB; 60,000 numbers are"):
-        lanewise.train(tmp_path / "run", "single-level", task=wide, quiet=True, **FLAGS)
-    assert not (tmp_path / "run").exists()
-
-
 def test_a_lender_with_other_parts_is_refused_before_a_run_is_made(tmp_path, capsys):
     lender = tmp_path / "lender"
     RunFolder.create(lender, config.compose(), "planned", 0, PARTS.names()).close()
@@ -208,20 +198,6 @@ def test_what_cannot_be_compiled_with_is_refused_when_parts_are_made():
         lanewise.TaskFunctions(reward=Unhashable(0.5))
     with pytest.raises(SettingsError, match="reward: expected a function, got None"):
         lanewise.TaskFunctions(reward=None)
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"warm_up": 3}, "may be single_level.learner.warm_up, .* give it in full"),
-        ({"controller": "single-level", "high_level_of": "a"}, "only hierarchical and planned"),
-    ],
-    ids=["short name", "no step 1"],
-)
-def test_mistakes_leave_nothing_behind(tmp_path, given, said):
-    with pytest.raises(LanewiseError, match=said):
-        lanewise.train(tmp_path / "run", **given)
-    assert not (tmp_path / "run").exists()
 
 
 def test_wrong_functions_are_refused_by_name_before_anything_is_driven():

@@ -9,6 +9,7 @@ from lanewise import TaskFunctions, api, config
 from lanewise.cli.main import main
 from lanewise.errors import LanewiseError, RunError, SettingsError
 from lanewise.runs.run_folder import RunFolder
+from lanewise.system import process
 from lanewise.training.plan import TrainingPlan
 
 
@@ -65,26 +66,35 @@ def test_what_differs_is_refused_as_on_the_command_line(run, trained, capsys):
     assert trained == []
 
 
-def test_what_makes_no_sense_is_refused_though_a_run_brings_its_own(run, trained):
-    for given, said in (
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
         ({"learning_rat": 3}, "did you mean .*learning_rate"),
+        ({"warm_up": 3}, "may be single_level.learner.warm_up, .* give it in full"),
         ({"seed": -1}, "seed must be between 0 and 2147483647, got -1"),
-        ({"resume": "yes"}, 'resume: expected true or false, got "yes"'),
-    ):
-        with pytest.raises(SettingsError, match=said):
-            lanewise.train(run, "hierarchical", **{"resume": True} | given)
-    assert trained == []
-
-
-def test_what_is_no_path_is_refused(tmp_path, monkeypatch, trained):
+        ({"quiet": "yes"}, 'quiet: expected true or false, got "yes"'),
+        ({"out": "a\0b"}, "out: expected a path, got"),
+        ({"out": ""}, "out: expected a path, got"),
+        ({"high_level_of": ""}, "high_level_of: expected a path, got"),
+        ({"controller": "single-level", "high_level_of": "a"}, "only hierarchical and planned"),
+    ],
+)
+def test_mistakes_leave_nothing_behind(tmp_path, monkeypatch, trained, given, said):
+    """Nor are they let in where a run brings its own."""
     monkeypatch.chdir(tmp_path)
-    for given in ("a\0b", ""):
-        with pytest.raises(LanewiseError, match="out: expected a path, got") as refused:
-            lanewise.train(given)
+    for resume in (False, True):
+        with pytest.raises(LanewiseError, match=said) as refused:
+            lanewise.train(**{"out": "run", "resume": resume} | given)
         assert len(str(refused.value).splitlines()) == 1
-        with pytest.raises(LanewiseError, match="high_level_of: expected a path, got"):
-            lanewise.train("run", high_level_of=given)
     assert trained == []
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_memory_is_asked_for_what_is_observed(tmp_path, monkeypatch):
+    monkeypatch.setattr(process, "total_memory", lambda: 1 << 25)
+    monkeypatch.setattr(TrainingPlan, "trace", lambda plan: 60_000)
+    with pytest.raises(SettingsError, match=r"the machine has 0\.0 GiB; 60,000 numbers are"):
+        lanewise.train(tmp_path / "run", quiet=True)
     assert list(tmp_path.iterdir()) == []
 
 
