@@ -53,13 +53,13 @@ def save(folder, number):
 
 
 def newest(folder):
-    """The number of the newest valid checkpoint, 0 without one, and the warning about others."""
-    found, warning = checkpoint.newest_valid(folder, None, DIGEST)
+    """The number of the newest valid checkpoint, 0 without one, and what is wrong with others."""
+    found, problems = checkpoint.newest_valid(folder, None, DIGEST)
     number = 0 if found is None else found.meta["number"]
     for name, array in contents(number).items() if number else ():
         if found.tree[name].tobytes() != array.tobytes():
             raise CheckpointError(f"checkpoint {number} holds other {name} than were saved")
-    return number, warning
+    return number, problems
 
 
 def save_forever(folder, sabotage, saved):
@@ -124,9 +124,9 @@ def fail(call, half, code):
 def judge(folder, last):
     """What is wrong with what is left after checkpoint ``last`` was saved; empty if nothing."""
     try:
-        number, warning = newest(folder)
-        if number not in (last, last + 1) or warning:
-            return f"saved {last}, found {number}; {warning}"
+        number, problems = newest(folder)
+        if number not in (last, last + 1) or problems:
+            return f"saved {last}, found {number}; {problems}"
         save(folder, last + 2)
         number, _ = newest(folder)
         left = [path.name for path in folder.iterdir() if path.name.endswith(folder_io.PARTIAL)]

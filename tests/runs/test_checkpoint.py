@@ -116,20 +116,19 @@ DAMAGE = [
 
 @pytest.mark.parametrize(("ending", "damage", "hint"), DAMAGE)
 def test_damage_is_named_and_an_older_whole_checkpoint_is_used(stored, ending, damage, hint):
-    assert newest_valid(stored, None, DIGEST)[1] == ""
+    assert newest_valid(stored, None, DIGEST)[1] == {}
     damage(stored / (NEWEST + ending))
     with pytest.raises(LanewiseError, match=hint) as caught:
         load(stored, NEWEST, ARRAYS, DIGEST)
     assert len(str(caught.value).splitlines()) == 1
-    found, warning = newest_valid(stored, ARRAYS, DIGEST)
+    found, problems = newest_valid(stored, ARRAYS, DIGEST)
     assert found.meta["chunk"] == 9
-    assert NEWEST in warning
-    assert "continuing from" in warning
+    assert problems == {NEWEST: str(caught.value)}
 
 
 def test_where_none_is_whole_it_is_said_why(stored, tmp_path):
-    assert newest_valid(tmp_path / "absent") == (None, "")
-    assert newest_valid(stored, prefix=checkpoint.stage_prefix(1)) == (None, "")
+    assert newest_valid(tmp_path / "absent") == (None, {})
+    assert newest_valid(stored, prefix=checkpoint.stage_prefix(1)) == (None, {})
     for name in names(stored):
         truncate(stored / f"{name}.safetensors")
     with pytest.raises(CheckpointError, match=r"no checkpoint can be used; the newest: .*trunc"):
@@ -198,8 +197,8 @@ def test_a_kill_at_any_step_leaves_a_whole_checkpoint(stored, monkeypatch, step)
             patch.setattr(folder_io.os, name, killed_in_time(getattr(os, name)))
         with pytest.raises(KilledError):
             store(stored, 11)
-    found, warning = newest_valid(stored, None, DIGEST)
-    assert (found.meta["chunk"], warning) == (10, "")
+    found, problems = newest_valid(stored, None, DIGEST)
+    assert (found.meta["chunk"], problems) == (10, {})
     store(stored, 11)
     assert chunks(stored) == [10, 11]
     assert not list(stored.glob("*.partial"))
@@ -224,8 +223,8 @@ def test_old_checkpoints_are_pruned_and_nothing_else(stored):
     assert len(strays) == 2 * len(STRAY) + 3
     store(stored, 11)
     assert chunks(stored) == [10, 11]
-    found, warning = newest_valid(stored, None, DIGEST)
-    assert (found.meta["chunk"], warning) == (11, "")
+    found, problems = newest_valid(stored, None, DIGEST)
+    assert (found.meta["chunk"], problems) == (11, {})
     save(stored, checkpoint_name(1, 0), ARRAYS, {"chunk": 0}, DIGEST, keep=2)
     assert names(stored) == [checkpoint_name(0, 11), checkpoint_name(1, 0)]
     checkpoint.prune(stored, keep=0)

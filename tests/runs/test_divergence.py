@@ -47,8 +47,8 @@ def check_what_is_left(path, task, what, stage):
     lines = metrics_file.read(path / "metrics.jsonl")
     chunks = [line["chunk"] for line in lines if line["kind"] == "chunk" and line["stage"] == stage]
     assert chunks == list(range(1, about["chunk"]))
-    newest, warning = checkpoint.newest_valid(path / "checkpoints")
-    assert warning == ""
+    newest, problems = checkpoint.newest_valid(path / "checkpoints")
+    assert problems == {}
     assert (newest.meta["counters"]["chunks"] if newest else 0) == about["chunk"] - 1
     assert not (path / "controller.json").exists()
     first = divergence.find_first_nonfinite(path, task)

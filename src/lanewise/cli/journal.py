@@ -45,11 +45,7 @@ class Journal:
 
 
 def open_(path: Path, identity: dict[str, Any]) -> Journal:
-    """The journal of a sweep, continued or begun.
-
-    Args:
-        path: of its file.
-        identity: what must be the same for it to be continued; its first line.
+    """The journal of a sweep in a file, continued if its first line is the ``identity``, or begun.
 
     Raises:
         RunError: the folder is in use or holds something else, or the journal is damaged.

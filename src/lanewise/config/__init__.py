@@ -105,9 +105,7 @@ def _unknown_setting(name: str) -> str:
 def load_toml(path: Path, data: bytes | None = None) -> dict[str, object]:
     """Reads the settings of a TOML file by dotted name; dashes and underscores are equal.
 
-    Args:
-        path: The file.
-        data: Its content; read from the file if not given.
+    ``data`` is the file's content, if it has been read already.
 
     Raises:
         UnreadableError: The file cannot be read.

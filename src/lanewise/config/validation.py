@@ -69,13 +69,8 @@ def check_memory(
     """Refuses a training whose checkpoints do not fit into memory.
 
     The estimate is a lower bound: networks, their targets, both moments of Adam, the weights kept
-    so far, and the replays; all of them are gathered in host memory for every checkpoint.
-
-    Args:
-        settings: of the training.
-        controller: what is trained.
-        available: bytes; None if unknown, and nothing is refused.
-        observed: numbers in an observation.
+    so far, and the replays; all of them are gathered in host memory for every checkpoint. Nothing
+    is refused where it is unknown how many bytes are ``available``.
     """
     for stage in CONTROLLERS[controller].stages:
         needs = {
@@ -112,12 +107,9 @@ def _check_reach(settings: Settings) -> None:
 
 
 def check_duration(name: str, seconds: float, trap: TrapSettings) -> None:
-    """Refuses an episode within which a vehicle could get beyond the end of the road.
+    """Refuses an episode, by the name of its setting, that could lead beyond the end of the road.
 
-    Args:
-        name: of the setting, for the message.
-        seconds: simulated length of the episode.
-        trap: where everybody may start.
+    ``trap`` says where everybody may start.
     """
     start, fastest = _extent(trap), max(TOP_SPEED, trap.traffic.speed)
     reach = start + fastest * seconds

@@ -69,16 +69,10 @@ def save(
     keep: int | None = None,
     unusable: Collection[str] = (),
 ) -> None:
-    """Store a pytree of arrays; both files are complete on disk before either gets its name.
+    """Store a pytree of arrays and random keys, and anything JSON can hold as ``meta``.
 
-    Args:
-        directory: where. One that is only named is made if it is missing.
-        name: file name without ending. Names of checkpoints must sort by time.
-        tree: of arrays and random keys.
-        meta: anything JSON can hold.
-        settings_digest: digest of the settings they belong to.
-        keep: afterwards, `prune` with this and ``unusable``; None keeps all.
-        unusable: names of damaged checkpoints.
+    Both files are complete on disk before either gets its name. A directory that is only named is
+    made if it is missing. Afterwards follows a `prune`, unless ``keep`` is None.
     """
     if isinstance(directory, Path):
         directory.mkdir(parents=True, exist_ok=True)
@@ -105,12 +99,8 @@ def load(
 ) -> Checkpoint:
     """Load what `save` stored.
 
-    Args:
-        directory: where.
-        name: file name without ending.
-        template: arrays or shapes that the stored tree must equal in structure, types and shapes;
-            None takes any arrays.
-        settings_digest: digest of the settings they must belong to; None for any.
+    The stored tree must equal a ``template`` of arrays or shapes in structure, types and shapes,
+    and belong to the settings with the digest; None takes any.
 
     Raises:
         UnreadableError: a file is missing, a link, too large, or the manifest is damaged.
@@ -160,34 +150,26 @@ def newest_valid(
     settings_digest: str | None = None,
     prefix: str = "",
     accept: Callable[[dict[str, Any]], object] = lambda meta: None,
-) -> tuple[Checkpoint | None, str]:
-    """The newest undamaged checkpoint, if there is one of these names, and a warning, often empty.
+) -> tuple[Checkpoint | None, dict[str, str]]:
+    """The newest checkpoint that can be used, if there is one, and why newer ones cannot, by name.
 
-    Args:
-        directory: where.
-        template: as for `load`.
-        settings_digest: as for `load`.
-        prefix: only names that begin so count.
-        accept: raises an error for the ``meta`` of a checkpoint that cannot be used.
+    Only names with the prefix count. ``accept`` raises an error for the ``meta`` of a checkpoint
+    that cannot be used; the rest is as for `load`.
 
     Raises:
-        CheckpointError: there are checkpoints, but none is undamaged.
+        CheckpointError: there are checkpoints, but none can be used.
     """
-    problems: list[str] = []
-    for name in reversed(names(directory)):
-        if not name.startswith(prefix):
-            continue
+    problems: dict[str, str] = {}
+    for name in reversed([name for name in names(directory) if name.startswith(prefix)]):
         try:
             accept(read_manifest(directory, name, settings_digest)["meta"])
-            found = load(directory, name, template, settings_digest)
+            return load(directory, name, template, settings_digest), problems
         except LanewiseError as error:
-            problems.append(str(error))
-        else:
-            warning = f"{problems[0]}; continuing from {name}" if problems else ""
-            return found, warning
+            problems[name] = str(error)
     if problems:
-        raise CheckpointError(f"no checkpoint can be used; the newest: {problems[0]}")
-    return None, ""
+        newest = next(iter(problems.values()))
+        raise CheckpointError(f"no checkpoint can be used; the newest: {newest}")
+    return None, {}
 
 
 def prune(directory: Path | OpenFolder, keep: int, unusable: Collection[str] = ()) -> None:

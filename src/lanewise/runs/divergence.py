@@ -82,16 +82,8 @@ def save(
     """Keep what is needed to see a failure again; returns the error to show to the user.
 
     The chunk has consumed the state it began with. Chunks repeat to the bit, so the stage is
-    driven there once more, from where the run would be resumed.
-
-    Args:
-        folder: the run.
-        training: its plan.
-        index: number of the stage.
-        frozen: parameters of levels that do not learn here.
-        stored: the stage as its newest checkpoint holds it, or at its beginning; consumed.
-        reached: the counters before the chunk that failed.
-        error: what was found in that chunk.
+    driven there once more, from where the run would be resumed: from what is ``stored``, which is
+    consumed, to the counters that were ``reached`` before the chunk that failed.
     """
     plan, state = training.stages[index], stored.state
     for _ in range(reached.chunks - stored.counters.chunks):

@@ -50,8 +50,7 @@ class MetricsWriter:
 
         Args:
             path: the file.
-            resume_at: its length by the `mark` of the checkpoint; 0 for a fresh file, None to keep
-                every whole line (timings).
+            resume_at: its length by the `mark` of the checkpoint; None keeps every whole line.
             folder: the folder it lies in, open; None opens it.
         """
         kept = _whole_lines(path, resume_at) if resume_at or os.path.lexists(path) else b""
@@ -83,12 +82,9 @@ class MetricsWriter:
 
 
 def read(path: Path, end: int | None = None, sha256: str | None = None) -> list[dict[str, Any]]:
-    """The records of a file; a last line cut short by a kill is left out.
+    """The records in the first ``end`` bytes of a file, which must have the digest; None takes any.
 
-    Args:
-        path: the file.
-        end: read no further than this many bytes; None reads all.
-        sha256: digest that these bytes must have; None for any.
+    A last line cut short by a kill is left out.
 
     Raises:
         RunError: the file cannot be read, was altered, or a line is damaged.

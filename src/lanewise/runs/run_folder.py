@@ -77,15 +77,9 @@ class RunFolder:
         task: tuple[str, ...] = (),
         observed: int = validation.FEATURES,
     ) -> "RunFolder":
-        """Make a run in a new or empty folder and lock it.
+        """Make a run in a new or empty folder and lock it; the folder is made with its parents.
 
-        Args:
-            path: the folder, made with its parents if it is missing; or an open one.
-            settings: as the fields of the run, with the next three.
-            controller: what is trained.
-            seed: of everything random.
-            task: names of the user's own functions.
-            observed: how many numbers a controller observes.
+        ``observed`` tells how many numbers a controller observes; the rest are fields of the run.
 
         Raises:
             RunError: the folder is not empty or in use.

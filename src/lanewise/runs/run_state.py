@@ -26,10 +26,8 @@ class RunState:
     """What each finished stage handed on, by its name."""
     checkpoint: Checkpoint | None
     """Of the stage under way, if it has one yet."""
-    warning: str
-    """About newer checkpoints that cannot be used; often empty."""
-    unusable: tuple[str, ...]
-    """Their names."""
+    unusable: dict[str, str]
+    """Why newer ones cannot be used, by name."""
     metrics_bytes: int
     """How much of the metrics file belongs to all this."""
 
@@ -38,25 +36,22 @@ def read(folder: RunFolder, plan: TrainingPlan) -> RunState:
     """Read a stopped run as a whole, before anything in it changes."""
     done = finished_stages(folder)
     handed = {name: load_stage(folder, plan, name) for name in done}
-    found, warning, unusable = newest_checkpoint(folder, plan, len(done))
+    found, unusable = newest_checkpoint(folder, plan, len(done))
     meta = {"metrics_bytes": 0}
     if found is not None:
         meta = found.meta
     elif done:
         meta = _stage_meta(folder, done[-1])
         metrics_file.read_marked(folder.metrics, meta)
-    return RunState(handed, found, warning, unusable, meta["metrics_bytes"])
+    return RunState(handed, found, unusable, meta["metrics_bytes"])
 
 
 def newest_checkpoint(
     folder: RunFolder, plan: TrainingPlan, index: int
-) -> tuple[Checkpoint | None, str, tuple[str, ...]]:
-    """The newest undamaged checkpoint of a stage that the metrics reach, if it has one.
+) -> tuple[Checkpoint | None, dict[str, str]]:
+    """`checkpoint.newest_valid` of a stage, as far as the metrics reach.
 
     Where a run was copied while it was trained, the metrics may be older than a checkpoint.
-
-    Returns:
-        The checkpoint; a warning about newer ones that cannot be used, often empty; their names.
     """
     names = checkpoint.names(folder.checkpoints)
     prefix = checkpoint.stage_prefix(index)
@@ -64,19 +59,16 @@ def newest_checkpoint(
         # To begin anew here would throw away what comes after.
         lost = folder.stages / f"{plan.stages[index].name}.json"
         raise CheckpointError(f"{lost} is missing, though {after[0]} comes after it")
-    ours = [name for name in names if name.startswith(prefix)]
-    if not ours:
-        return None, "", ()
+    if not any(name.startswith(prefix) for name in names):
+        return None, {}
 
     def accept(meta: dict[str, Any]) -> None:
         check_seed(folder, meta, folder.checkpoints)
         metrics_file.read_marked(folder.metrics, meta)
 
-    found, warning = checkpoint.newest_valid(
+    return checkpoint.newest_valid(
         folder.checkpoints, plan.progress(index), folder.digest, prefix, accept
     )
-    assert found is not None, "there are some"
-    return found, warning, tuple(name for name in ours if name > found.name)
 
 
 def is_finished(folder: RunFolder) -> bool:

@@ -5,7 +5,7 @@ the parameters of all levels. In between, ``checkpoints/`` holds all that the st
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -74,8 +74,9 @@ def train(
     if high_level is not None:
         run_state.transfer_high_level(folder, plan, high_level)
     state = run_state.read(folder, plan)
-    if state.warning:
-        reporter.note(state.warning)
+    if state.checkpoint is not None and state.unusable:
+        newest = next(iter(state.unusable.values()))
+        reporter.note(f"{newest}; continuing from {state.checkpoint.name}")
     if state.checkpoint is None and (
         copy := metrics_file.keep_copy(folder.metrics, state.metrics_bytes, folder.held)
     ):
@@ -106,7 +107,7 @@ class _Training:
     plan: TrainingPlan
     reporter: Progress
     metrics: MetricSinks
-    unusable: tuple[str, ...]
+    unusable: Collection[str]
     """Checkpoints that cannot be used; they stay until another is saved."""
 
     def run_stage(self, index: int, frozen: Parameters, found: Checkpoint | None) -> None:
@@ -168,7 +169,7 @@ class _Training:
     def _diverged(
         self, index: int, frozen: Parameters, progress: StageProgress, error: NumbersError
     ) -> NumbersError:
-        newest, _, _ = run_state.newest_checkpoint(self.folder, self.plan, index)
+        newest, _ = run_state.newest_checkpoint(self.folder, self.plan, index)
         stored = self._begun(index, frozen, newest)
         return divergence.save(
             self.folder, self.plan, index, frozen, stored, progress.counters, error
