@@ -1,6 +1,5 @@
 """The errors Lanewise reports to people: one or two lines, what is wrong and what to do."""
 
-import os
 import shlex
 import unicodedata
 from collections.abc import Sequence
@@ -68,17 +67,8 @@ def brief(value: object) -> str:
 
 
 def shell_line(*words: object) -> str:
-    """A command to be typed or pasted; a word that would steer a terminal is spelled out in it."""
-    return " ".join(map(_shell_word, map(str, words)))
-
-
-def _shell_word(word: str) -> str:
-    if one_line(word) == word:
-        return shlex.quote(word)
-    # As bash, zsh and ksh read it, byte by byte: names of files need not be text.
-    harmless = set(range(0x20, 0x7F)) - set(b"'\\")
-    spelled = (chr(b) if b in harmless else f"\\x{b:02x}" for b in os.fsencode(word))
-    return f"$'{''.join(spelled)}'"
+    """A command to be typed or pasted, on one line."""
+    return " ".join(shlex.quote(one_line(word)) for word in words)
 
 
 def _spelled(char: str) -> str:

@@ -1,7 +1,6 @@
 """Types and ranges of settings, written beside the field they bound and checked in one place."""
 
 import math
-import os
 import types
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -128,7 +127,7 @@ class FieldType:
     def _check_one(self, name: str, value: Any) -> Any:
         if self.type is float and type(value) is int:
             value = float(value) if abs(value) < 1 << 1000 else math.inf
-        if self.type is Path and _names_a_file(value):
+        if self.type is Path and isinstance(value, str | Path) and value != "":
             return Path(value)
         # `isinstance` would take True for the whole number 1.
         if type(value) is not self.type:
@@ -162,11 +161,3 @@ def show(value: object) -> str:
     if isinstance(value, tuple | list):
         return "[" + ", ".join(show(member) for member in value[:8]) + "]"
     return str(value)[:80]
-
-
-def _names_a_file(value: object) -> bool:
-    """Whether the system can have a file of this name."""
-    try:
-        return value != "" and b"\0" not in os.fsencode(Path(value))  # type: ignore[arg-type]
-    except (TypeError, UnicodeEncodeError):
-        return False
