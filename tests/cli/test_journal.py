@@ -27,13 +27,13 @@ def full_disk():
 
 def begin(path):
     book = journal.open_(path, IDENTITY)
-    with book.folder, book.file:
+    with book.folder:
         book.add([Reach(True, True, True, "01", 2)])
-    return journal.read(path, IDENTITY)[1]
+    return journal.read(path, IDENTITY)[0]
 
 
 def test_a_disk_full_at_the_first_byte_leaves_nothing_in_the_way(tmp_path):
-    path = tmp_path / "map" / "progress.jsonl"
+    path = tmp_path / "map" / "progress.json"
     with full_disk(), pytest.raises(OSError, match="File too large"):
         journal.open_(path, IDENTITY)
     assert os.listdir(path.parent) == []
@@ -41,16 +41,16 @@ def test_a_disk_full_at_the_first_byte_leaves_nothing_in_the_way(tmp_path):
 
 
 def test_what_a_kill_leaves_of_a_beginning_is_not_in_the_way(tmp_path):
-    path = tmp_path / "progress.jsonl"
+    path = tmp_path / "progress.json"
     (tmp_path / (path.name + PARTIAL)).write_text('{"kind"')
     assert len(begin(path)) == 1
     assert sorted(os.listdir(tmp_path)) == [path.name]
 
 
-def test_a_journal_without_a_whole_line_is_damaged_and_not_anothers(tmp_path):
-    path = tmp_path / "progress.jsonl"
-    for text in ("", '{"kind": "Swe'):
+def test_a_damaged_journal_is_said_to_be_damaged_and_stays(tmp_path):
+    path = tmp_path / "progress.json"
+    for text in ("", '{"format": "lanewise-sweep", "vers'):
         path.write_text(text)
-        with pytest.raises(RunError, match="is damaged: remove it to begin anew"):
+        with pytest.raises(RunError, match="is damaged: not valid JSON; remove it to begin anew"):
             journal.open_(path, IDENTITY)
         assert path.read_text() == text

@@ -16,7 +16,7 @@ from lanewise.evaluation import sweep as drives
 from lanewise.evaluation.grid import CAUSES, PointResult, Reach
 from lanewise.report import output_files
 from lanewise.report import sweep_page as maps
-from lanewise.system import folder_io
+from lanewise.system import folder_io, safe_io
 
 KEYS = {"controller", "success_rate", "accident_rate", "accumulated_reward", "intervals"}
 
@@ -97,7 +97,7 @@ def test_sweep_writes_a_map_and_continues_an_interrupted_one(whole, tmp_path, ca
     assert "what can be won: starting" in printed.err
     expected = json.loads((out / "map.json").read_text())
     assert len(expected["starts"]) == 8
-    assert not (out / "progress.jsonl").exists()
+    assert not (out / "progress.json").exists()
     assert main(sweep_words(whole, out)) == 2
     assert "is complete: see" in capsys.readouterr().err
 
@@ -114,18 +114,17 @@ def test_sweep_writes_a_map_and_continues_an_interrupted_one(whole, tmp_path, ca
         patch.setattr(evaluator, "drive_block", interrupted)
         assert main(sweep_words(whole, cut)) == 130
     assert "the same command continues it" in capsys.readouterr().err
-    journal = cut / "progress.jsonl"
-    assert len(journal.read_text().splitlines()) == 1 + 4 + 4
-    journal.write_text(journal.read_text() + '{"kind": "Outc')  # as a kill would leave it
+    journal = cut / "progress.json"
+    kept = json.loads(journal.read_text())
+    assert (len(kept["reached"]), len(kept["outcomes"])) == (4, 4)
     assert main(sweep_words(whole, cut, episodes="3")) == 2
     assert "holds another sweep" in capsys.readouterr().err
     # So is that of another controller with the same settings and seed.
-    kept = journal.read_text()
-    weights = json.loads((whole / "controller.json").read_text())["sha256"]
-    journal.write_text(kept.replace(weights, "0" * 64))
+    other = kept | {"sweep": kept["sweep"] | {"weights": "0" * 64}}
+    journal.write_text(json.dumps(other | {"digest": safe_io.digest(other)}))
     assert main(sweep_words(whole, cut)) == 2
     assert "holds another sweep" in capsys.readouterr().err
-    journal.write_text(kept)
+    journal.write_text(json.dumps(kept))
     assert main(sweep_words(whole, cut)) == 0
     assert "episodes: continuing" in capsys.readouterr().err
     again = json.loads((cut / "map.json").read_text())

@@ -23,7 +23,7 @@ from lanewise.system import extras
 from lanewise.system.folder_io import publish
 from lanewise.system.progress import Progress
 
-JOURNAL = "progress.jsonl"
+JOURNAL = "progress.json"
 """What is done so far, in the output folder until all is."""
 
 
@@ -77,7 +77,7 @@ def run(parsed: Parsed[Sweep]) -> int:
     identity = _identity(command, folder, run_state.weights_digest(folder))
     journal = journals.open_(command.out / JOURNAL, identity)
     with journal.folder:
-        with journal.file, Progress() as reporter:
+        with Progress() as reporter:
             _work(command, grid, controller, journal, reporter)
         _report(command, grid, folder, journal)
     return 0
