@@ -49,7 +49,8 @@ def contents(number):
 def save(folder, number):
     """Save checkpoint ``number`` as a training does."""
     name = checkpoint.checkpoint_name(0, number)
-    checkpoint.save(folder, name, contents(number), {"number": number}, DIGEST, keep=2)
+    with folder_io.OpenFolder(folder) as place:
+        checkpoint.save(place, name, contents(number), {"number": number}, DIGEST, keep=2)
 
 
 def newest(folder):
@@ -64,6 +65,7 @@ def newest(folder):
 
 def save_forever(folder, sabotage, saved):
     """The child; ``saved`` is the number of the last checkpoint it has saved."""
+    folder.mkdir()
     with suppress(OSError):
         for number in itertools.count(1):
             if number == FIRST + 1:

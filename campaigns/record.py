@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from lanewise.report.provenance import origin, versions
-from lanewise.system.folder_io import write_atomically
+from lanewise.system.folder_io import OpenFolder, write_atomically
 
 ROOT = Path(__file__).parents[1]
 
@@ -36,7 +36,8 @@ def store(path: Path, figures: dict, seed: int | None = None, packages=()) -> No
         **figures,
     }
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path.parent, {path.name: (json.dumps(document, indent=1) + "\n").encode()})
+    with OpenFolder(path.parent) as place:
+        write_atomically(place, {path.name: (json.dumps(document, indent=1) + "\n").encode()})
 
 
 def state(*more, within=(), packages=(), root=ROOT) -> str:

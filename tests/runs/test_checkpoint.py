@@ -13,8 +13,9 @@ import pytest
 
 from lanewise.errors import CheckpointError, LanewiseError
 from lanewise.runs import checkpoint, pytree_io
-from lanewise.runs.checkpoint import checkpoint_name, load, names, newest_valid, save
+from lanewise.runs.checkpoint import checkpoint_name, load, names, newest_valid
 from lanewise.system import folder_io
+from lanewise.system.folder_io import OpenFolder
 
 DIGEST = "d" * 64
 ARRAYS = {
@@ -28,6 +29,11 @@ ARRAYS = {
 }
 NEWEST = checkpoint_name(0, 10)
 ENDINGS = (".json", ".safetensors")
+
+
+def save(folder, *what, **options):
+    with OpenFolder(folder) as place:
+        checkpoint.save(place, *what, **options)
 
 
 def store(folder, chunk, **options):
@@ -64,13 +70,13 @@ def state(seed):
 
 def test_a_tree_with_random_keys_is_loaded_bit_for_bit(tmp_path):
     original, shapes = state(5), jax.eval_shape(lambda: state(0))
-    save(tmp_path / "new", "state", original, {"stage": 1, "text": "a"}, DIGEST)
-    found = load(tmp_path / "new", "state", shapes, DIGEST)
+    save(tmp_path, "state", original, {"stage": 1, "text": "a"}, DIGEST)
+    found = load(tmp_path, "state", shapes, DIGEST)
     assert found.meta == {"stage": 1, "text": "a"}
     assert jax.tree.structure(found.tree) == jax.tree.structure(original)
     expected = pytree_io.flatten(original)
     assert {"arrays/view", "weights/0/b", "weights/0/w", "keys"} <= expected.keys()
-    for arrays in (pytree_io.flatten(found.tree), load(tmp_path / "new", "state").tree):
+    for arrays in (pytree_io.flatten(found.tree), load(tmp_path, "state").tree):
         assert arrays.keys() == expected.keys()
         for name, array in expected.items():
             assert (arrays[name].dtype, arrays[name].shape) == (array.dtype, array.shape)
@@ -227,7 +233,8 @@ def test_old_checkpoints_are_pruned_and_nothing_else(stored):
     assert (found.meta["chunk"], problems) == (11, {})
     save(stored, checkpoint_name(1, 0), ARRAYS, {"chunk": 0}, DIGEST, keep=2)
     assert names(stored) == [checkpoint_name(0, 11), checkpoint_name(1, 0)]
-    checkpoint.prune(stored, keep=0)
+    with OpenFolder(stored) as place:
+        checkpoint.prune(place, keep=0)
     assert set(stored.iterdir()) == strays
 
 

@@ -42,8 +42,12 @@ def path(tmp_path):
     return tmp_path / "metrics.jsonl"
 
 
+def writer(path, resume_at=0):
+    return MetricsWriter(OpenFolder(path.parent), path.name, resume_at)
+
+
 def write(path, records, resume_at=0):
-    with MetricsWriter(path, resume_at) as metrics:
+    with writer(path, resume_at) as metrics:
         for record in records:
             metrics.append(record)
         return metrics.sync()
@@ -65,12 +69,13 @@ def test_a_resumed_file_has_the_bytes_of_one_never_stopped(path, tmp_path):
 
 
 def test_what_is_to_be_cut_off_is_copied_beside_whatever_was_before(path, tmp_path, monkeypatch):
-    assert keep_copy(path, 0) is None
+    folder = OpenFolder(tmp_path)
+    assert keep_copy(folder, path, 0) is None
     path.write_text("one")
-    assert keep_copy(path, 3) is None
+    assert keep_copy(folder, path, 3) is None
     elsewhere = tmp_path / "elsewhere"
     (tmp_path / "metrics-before-1.jsonl").symlink_to(elsewhere)
-    assert keep_copy(path, 2) == tmp_path / "metrics-before-2.jsonl"
+    assert keep_copy(folder, path, 2) == tmp_path / "metrics-before-2.jsonl"
     path.write_text("two")
 
     def full(*_):
@@ -79,8 +84,8 @@ def test_what_is_to_be_cut_off_is_copied_beside_whatever_was_before(path, tmp_pa
     with monkeypatch.context() as patch:
         patch.setattr(folder_io.os, "write", full)
         with pytest.raises(OSError, match="No space left"):
-            keep_copy(path, 0)
-    assert keep_copy(path, 0) == tmp_path / "metrics-before-3.jsonl"
+            keep_copy(folder, path, 0)
+    assert keep_copy(folder, path, 0) == tmp_path / "metrics-before-3.jsonl"
     kept = {file.name: file.read_text() for file in tmp_path.iterdir() if file.is_file()}
     assert kept == {path.name: "two"} | {
         f"metrics-before-{number}.jsonl": text for number, text in ((2, "one"), (3, "two"))
@@ -92,7 +97,7 @@ def test_a_file_that_lost_lines_is_refused(path):
     length = write(path, [EPISODE] * 3)
     os.truncate(path, length - 1)
     with pytest.raises(RunError, match=f"truncated: {length - 1} of {length} bytes"):
-        MetricsWriter(path, length)
+        writer(path, length)
 
 
 def test_another_name_of_a_file_keeps_what_it_has(path, tmp_path):
@@ -123,7 +128,7 @@ def test_damaged_lines(path):
 
 def test_records_are_read_up_to_a_mark_as_they_were_written(path):
     assert metrics_file.read_marked(path, {"metrics_bytes": 0}) == []
-    with MetricsWriter(path) as metrics:
+    with writer(path) as metrics:
         metrics.append(EPISODE)
         mark = metrics.mark()
         metrics.append(EPISODE)

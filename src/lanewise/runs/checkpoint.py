@@ -24,7 +24,7 @@ from safetensors.numpy import save as save_safetensors
 from lanewise.errors import CheckpointError, LanewiseError, brief
 from lanewise.runs import pytree_io
 from lanewise.system import safe_io
-from lanewise.system.folder_io import PARTIAL, OpenFolder, opened, write_atomically
+from lanewise.system.folder_io import PARTIAL, OpenFolder, write_atomically
 
 FORMAT = "lanewise-arrays"
 VERSION = 1
@@ -61,7 +61,7 @@ def stage_prefix(stage: int) -> str:
 
 
 def save(
-    directory: Path | OpenFolder,
+    folder: OpenFolder,
     name: str,
     tree: Any,
     meta: Mapping[str, Any],
@@ -71,11 +71,9 @@ def save(
 ) -> None:
     """Store a pytree of arrays and random keys, and anything JSON can hold as ``meta``.
 
-    Both files are complete on disk before either gets its name. A directory that is only named is
-    made if it is missing. Afterwards follows a `prune`, unless ``keep`` is None.
+    Both files are complete on disk before either gets its name. Afterwards follows a `prune`,
+    unless ``keep`` is None.
     """
-    if isinstance(directory, Path):
-        directory.mkdir(parents=True, exist_ok=True)
     # safetensors stores memory as it lies: it must be row by row, in this machine's byte order.
     arrays = {key: np.array(value, order="C") for key, value in pytree_io.flatten(tree).items()}
     data = save_safetensors(arrays)
@@ -89,9 +87,9 @@ def save(
     }
     manifest[_DIGEST] = safe_io.digest(manifest, _DIGEST)
     text = json.dumps(manifest, indent=1, allow_nan=False) + "\n"
-    write_atomically(directory, {f"{name}.safetensors": data, f"{name}.json": text.encode()})
+    write_atomically(folder, {f"{name}.safetensors": data, f"{name}.json": text.encode()})
     if keep is not None:
-        prune(directory, keep, set(unusable) - {name})
+        prune(folder, keep, set(unusable) - {name})
 
 
 def load(
@@ -172,19 +170,19 @@ def newest_valid(
     return None, {}
 
 
-def prune(directory: Path | OpenFolder, keep: int, unusable: Collection[str] = ()) -> None:
+def prune(folder: OpenFolder, keep: int, unusable: Collection[str] = ()) -> None:
     """Delete all but the ``keep`` newest checkpoints, and no other file."""
-    with opened(directory) as folder:
-        with os.scandir(folder.descriptor) as entries:
-            files = _files(e.name for e in entries if not e.is_dir(follow_symlinks=False))
-        manifests = [path for path in files if path.suffix == ".json"]
-        every = [path.stem for path in manifests if path.stem not in unusable]
-        kept = every[max(0, len(every) - keep) :]
-        # Of each the manifest goes first, so that no half is ever offered. With them goes what a
-        # kill has left half written or half deleted; the lock on the run keeps other writers out.
-        for path in files:
-            if path.suffix == PARTIAL or path.stem not in kept:
-                folder.unlink(path.name)
+    folder.require_same()
+    with os.scandir(folder.descriptor) as entries:
+        files = _files(e.name for e in entries if not e.is_dir(follow_symlinks=False))
+    manifests = [path for path in files if path.suffix == ".json"]
+    every = [path.stem for path in manifests if path.stem not in unusable]
+    kept = every[max(0, len(every) - keep) :]
+    # Of each the manifest goes first, so that no half is ever offered. With them goes what a kill
+    # has left half written or half deleted; the lock on the run keeps other writers out.
+    for path in files:
+        if path.suffix == PARTIAL or path.stem not in kept:
+            folder.unlink(path.name)
 
 
 def _files(found: Iterable[str]) -> list[Path]:

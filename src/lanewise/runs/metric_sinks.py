@@ -44,9 +44,8 @@ class MetricSinks:
         """
         path = folder.path / "metrics.jsonl"
         with ExitStack() as stack:
-            self.metrics = stack.enter_context(MetricsWriter(path, resume_at, folder))
-            times = path.with_name("timings.jsonl")
-            self.timings = stack.enter_context(MetricsWriter(times, None, folder))
+            self.metrics = stack.enter_context(MetricsWriter(folder, path.name, resume_at))
+            self.timings = stack.enter_context(MetricsWriter(folder, "timings.jsonl", None))
             self._sinks: list[CsvTable | TensorBoardEvents] = []
             for kind in TABLES:
                 self._sinks.append(CsvTable(folder, kind))

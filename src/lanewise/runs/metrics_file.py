@@ -43,18 +43,14 @@ _LARGEST = 500_000_000
 class MetricsWriter:
     """Appends records to a file."""
 
-    def __init__(
-        self, path: Path, resume_at: int | None = 0, folder: OpenFolder | None = None
-    ) -> None:
-        """Begins the file, anew or with its first ``resume_at`` bytes.
+    def __init__(self, folder: OpenFolder, name: str, resume_at: int | None = 0) -> None:
+        """Begins the file, anew or with its first ``resume_at`` bytes; None keeps all whole lines.
 
-        Args:
-            path: the file.
-            resume_at: its length by the `mark` of the checkpoint; None keeps every whole line.
-            folder: the folder it lies in, open; None opens it.
+        ``resume_at`` is its length by the `mark` of the checkpoint.
         """
+        path = folder.path / name
         kept = _whole_lines(path, resume_at) if resume_at or os.path.lexists(path) else b""
-        self._file = os.fdopen(begin_file(folder or path.parent, path.name, kept), "ab")
+        self._file = os.fdopen(begin_file(folder, name, kept), "ab")
         self._digest = hashlib.sha256(kept)
 
     def append(self, record: Mapping[str, Any]) -> None:
@@ -113,8 +109,8 @@ def read_marked(path: Path, meta: Mapping[str, Any]) -> list[dict[str, Any]]:
     return read(path, length, digest) if length else []
 
 
-def keep_copy(path: Path, end: int, folder: OpenFolder | None = None) -> Path | None:
-    """Copy a metrics file that is about to be cut to its first ``end`` bytes.
+def keep_copy(folder: OpenFolder, path: Path, end: int) -> Path | None:
+    """Copy a metrics file of a folder that is about to be cut to its first ``end`` bytes.
 
     A stage whose checkpoints were lost begins anew, and its metrics are all that is left of it.
     Returns the copy, ``metrics-before-1.jsonl`` or the first number that is free, if there is one.
@@ -123,7 +119,7 @@ def keep_copy(path: Path, end: int, folder: OpenFolder | None = None) -> Path | 
         return None
     places = (path.with_stem(f"{path.stem}-before-{number}") for number in count(1))
     place = next(place for place in places if not os.path.lexists(place))
-    write_atomically(folder or path.parent, {place.name: path.read_bytes()})
+    write_atomically(folder, {place.name: path.read_bytes()})
     return place
 
 

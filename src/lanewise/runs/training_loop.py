@@ -78,7 +78,7 @@ def train(
         newest = next(iter(state.unusable.values()))
         reporter.note(f"{newest}; continuing from {state.checkpoint.name}")
     if state.checkpoint is None and (
-        copy := metrics_file.keep_copy(folder.metrics, state.metrics_bytes, folder.held)
+        copy := metrics_file.keep_copy(folder.held, folder.metrics, state.metrics_bytes)
     ):
         begins = "without a checkpoint, the stage under way begins anew"
         reporter.note(f"{begins}; metrics so far are kept in {copy}")

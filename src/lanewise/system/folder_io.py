@@ -122,46 +122,34 @@ def lock(place: Path | OpenFolder, doing: str) -> OpenFolder:
     return folder
 
 
-@contextmanager
-def opened(directory: Path | OpenFolder) -> Iterator[OpenFolder]:
-    """A folder to write into: opened now, or opened before and still the same (`require_same`)."""
-    if isinstance(directory, OpenFolder):
-        directory.require_same()
-        yield directory
-    else:
-        with OpenFolder(directory) as folder:
-            yield folder
-
-
-def write_atomically(directory: Path | OpenFolder, contents: Mapping[str, bytes]) -> None:
+def write_atomically(folder: OpenFolder, contents: Mapping[str, bytes]) -> None:
     """Write files into a folder, all complete on disk before the first gets its name.
 
     They get their names one after the other, in the order given, so that the last one can vouch
     for the others. If a write fails, files that already had these names are unchanged.
     """
-    with opened(directory) as folder:
-        place = folder.descriptor
-        try:
-            for name, content in contents.items():
-                _write(folder, name + PARTIAL, content)
-        except OSError:
-            for name in contents:
-                folder.unlink(name + PARTIAL)
-            raise
+    folder.require_same()
+    place = folder.descriptor
+    try:
+        for name, content in contents.items():
+            _write(folder, name + PARTIAL, content)
+    except OSError:
         for name in contents:
-            os.replace(name + PARTIAL, name, src_dir_fd=place, dst_dir_fd=place)
-        # The new names survive a power cut.
-        os.fsync(place)
+            folder.unlink(name + PARTIAL)
+        raise
+    for name in contents:
+        os.replace(name + PARTIAL, name, src_dir_fd=place, dst_dir_fd=place)
+    # The new names survive a power cut.
+    os.fsync(place)
 
 
-def begin_file(directory: Path | OpenFolder, name: str, kept: bytes = b"") -> int:
+def begin_file(folder: OpenFolder, name: str, kept: bytes = b"") -> int:
     """A descriptor to append to a file that holds so far what is kept, and nothing else.
 
     It is a new file: a backup may hold the old one under another name, a hard link.
     """
-    with opened(directory) as folder:
-        write_atomically(folder, {name: kept})
-        return os.open(name, os.O_WRONLY | os.O_APPEND, dir_fd=folder.descriptor)
+    write_atomically(folder, {name: kept})
+    return os.open(name, os.O_WRONLY | os.O_APPEND, dir_fd=folder.descriptor)
 
 
 def publish(source: Path, target: OpenFolder, last: str) -> None:
