@@ -10,7 +10,7 @@ from typing import Any
 
 from lanewise import interop
 from lanewise.config.settings import Settings
-from lanewise.controllers.registry import TRAINABLE, WITH_STEP_1
+from lanewise.controllers.registry import TRAINABLE
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions, checked
 from lanewise.envs import functional, keywords
@@ -149,8 +149,6 @@ def train(
     if tensorboard:
         metric_sinks.tensorboard_writer()
     lender = None if high_level_of is None else PATH.check("high_level_of", high_level_of)
-    if lender is not None and controller not in WITH_STEP_1:
-        raise RunError(f"high_level_of: only {' and '.join(WITH_STEP_1)} controllers have a step 1")
     presets = ("quick" if preset is None else preset, "trap-10" if trap is None else trap)
     composed = keywords.compose(*presets, settings, SECTIONS)
     with _file_errors("write", path):
@@ -161,7 +159,7 @@ def train(
         else:
             # Before the folder is made: a refused run leaves nothing behind.
             if lender is not None:
-                open_high_level(lender, composed, task.names())
+                open_high_level(lender, controller, composed, task.names())
             plan = TrainingPlan.build(composed, controller, task)
             observed = plan.trace()
             folder = RunFolder.create(

@@ -154,6 +154,8 @@ def test_a_lender_with_other_parts_is_refused_before_a_run_is_made(tmp_path, cap
     run = tmp_path / "run"
     with pytest.raises(RunError, match="was made with observe: "):
         lanewise.train(run, high_level_of=lender)
+    with pytest.raises(RunError, match=r"has no step 1 .* only hierarchical and planned"):
+        lanewise.train(run, "single-level", high_level_of=lender)
     assert main(["train", "hierarchical", "--out", str(run), "--high-level", str(lender)]) == 2
     assert "was made with observe: " in capsys.readouterr().err
     assert not run.exists()

@@ -75,7 +75,6 @@ def test_what_differs_is_refused_as_on_the_command_line(run, trained, capsys):
         ({"quiet": "yes"}, 'quiet: expected true or false, got "yes"'),
         ({"out": ""}, "out: expected a path, got"),
         ({"high_level_of": ""}, "high_level_of: expected a path, got"),
-        ({"controller": "single-level", "high_level_of": "a"}, "only hierarchical and planned"),
     ],
 )
 def test_mistakes_leave_nothing_behind(tmp_path, monkeypatch, trained, given, said):

@@ -6,8 +6,8 @@ from typing import Annotated
 
 from lanewise.cli.command_line import Parsed
 from lanewise.config.settings import PRESETS, TRAPS, Settings
-from lanewise.controllers.registry import TRAINABLE, WITH_STEP_1
-from lanewise.errors import RunError, shell_line
+from lanewise.controllers.registry import TRAINABLE
+from lanewise.errors import shell_line
 from lanewise.fields.ranges import SEEDS, OneOf
 from lanewise.runs.run_folder import STAGES, RunFolder, open_high_level
 from lanewise.system.progress import Progress, tell
@@ -53,15 +53,9 @@ class Train:
 def run(parsed: Parsed[Train]) -> int:
     """Trains; returns the exit code."""
     command = parsed.command
-    if command.high_level is not None:
-        names = " and ".join(WITH_STEP_1)
-        if command.controller not in WITH_STEP_1:
-            raise RunError(f"--high-level: only {names} controllers have a step 1")
-        if RunFolder.open(command.high_level).controller not in WITH_STEP_1:
-            raise RunError(f"{command.high_level} has no step 1; only {names} runs do")
-        if not command.resume:
-            # Before the folder is made: a refused run leaves nothing behind.
-            open_high_level(command.high_level, command.values)
+    if command.high_level is not None and not command.resume:
+        # Before the folder is made: a refused run leaves nothing behind.
+        open_high_level(command.high_level, command.controller, command.values)
     if command.tensorboard:
         from lanewise.runs import metric_sinks
 

@@ -30,7 +30,7 @@ from typing import Any
 from lanewise import config
 from lanewise.config import validation
 from lanewise.config.settings import Settings
-from lanewise.controllers.registry import STEP_1, TRAINABLE
+from lanewise.controllers.registry import STEP_1, TRAINABLE, WITH_STEP_1
 from lanewise.errors import RunError, SettingsError, brief
 from lanewise.system import process, safe_io, version
 from lanewise.system.folder_io import PARTIAL, OpenFolder, lock, write_atomically
@@ -243,13 +243,18 @@ def compiler_switches() -> tuple[str, ...]:
     return tuple(sorted(found))
 
 
-def open_high_level(source: Path, settings: Settings, task: tuple[str, ...] = ()) -> RunFolder:
+def open_high_level(
+    source: Path, controller: str, settings: Settings, task: tuple[str, ...] = ()
+) -> RunFolder:
     """The run whose step 1 is to be taken over by one with such settings and task functions.
 
     Raises:
-        RunError: it has no finished step 1, or the two high levels differ in shape or in what they
-            observe, or it was trained with other task functions.
+        RunError: the controller has no step 1, or the run none that is finished; or the two high
+            levels differ in shape or in what they observe, or in task functions.
     """
+    if controller not in WITH_STEP_1:
+        names = " and ".join(WITH_STEP_1)
+        raise RunError(f"{controller} has no step 1 that could be taken over; only {names} have")
     lender = RunFolder.open(source)
     if not os.path.lexists(lender.stages / f"{STEP_1.name}.json"):
         raise RunError(f"{source} has no finished {STEP_1.name}: it cannot lend its high level")

@@ -123,7 +123,7 @@ def transfer_high_level(folder: RunFolder, plan: TrainingPlan, source: Path) -> 
     name = STEP_1.name
     if has_stage(folder, name):
         raise RunError(f"{folder.path} has its own step 1 already; resume it without --high-level")
-    lender = open_high_level(source, folder.settings, plan.task.names())
+    lender = open_high_level(source, folder.controller, folder.settings, plan.task.names())
     source_of = {"taken_from_seed": lender.seed, "taken_from_settings": lender.digest}
     # Its high level has the shapes of this plan's, as was checked.
     save_stage(folder, name, load_stage(lender, plan, name), source_of | {"metrics_bytes": 0})
