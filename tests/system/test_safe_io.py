@@ -28,7 +28,7 @@ def test_devices_pipes_and_links_are_no_files(tmp_path):
         ("link", {"links": False}, "a link"),
         ("file", {"largest": 3}, "too large"),
         ("none", {}, "No such file"),
-        ("", {}, "Is a directory"),
+        ("", {}, "a folder"),
     ):
         with pytest.raises(safe_io.UnreadableError, match=says):
             safe_io.read_bytes(tmp_path / name, **{"largest": 4} | options)

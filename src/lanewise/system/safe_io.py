@@ -5,7 +5,6 @@ Only regular files of a bounded size are read. Imports no JAX.
 
 import hashlib
 import json
-import os
 import stat
 import tomllib
 from collections.abc import Mapping
@@ -14,6 +13,8 @@ from typing import Any
 
 from lanewise.errors import LanewiseError, brief
 from lanewise.system.version import __version__
+
+_KINDS = {stat.S_IFDIR: "a folder", stat.S_IFLNK: "a link"}
 
 
 class UnreadableError(LanewiseError):
@@ -26,29 +27,21 @@ def read_bytes(path: Path, largest: int, *, links: bool = True) -> bytes:
     Its name may be a link if a person typed it (``links``), but not if the file lies beside others
     in a folder from elsewhere.
     """
-    # Without O_NONBLOCK, opening a pipe would wait for its writer.
-    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | (0 if links else os.O_NOFOLLOW)
     try:
-        _require_regular(path.stat() if links else path.lstat())
-        with os.fdopen(os.open(path, flags), "rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            if size > largest:
-                raise OSError(f"too large: larger than {largest} bytes")
+        status = path.stat() if links else path.lstat()
+        if not stat.S_ISREG(status.st_mode):
+            kind = _KINDS.get(stat.S_IFMT(status.st_mode), "a pipe or a device")
+            raise OSError(f"{kind}, not a regular file")
+        if status.st_size > largest:
+            raise OSError(f"too large: larger than {largest} bytes")
+        with path.open("rb") as file:
             # Some special files report a length of 0 and yet hold something.
-            data = file.read(size + 1)
-        if len(data) != size:
+            data = file.read(status.st_size + 1)
+        if len(data) != status.st_size:
             raise OSError("not a regular file: its length is not what it says")
     except OSError as cause:
         raise UnreadableError(f"cannot read {path}: {cause.strerror or cause}") from cause
     return data
-
-
-def _require_regular(status: os.stat_result) -> None:
-    if stat.S_ISDIR(status.st_mode):
-        raise OSError("Is a directory, not a regular file")
-    if not stat.S_ISREG(status.st_mode):
-        kind = "a link" if stat.S_ISLNK(status.st_mode) else "a pipe or a device"
-        raise OSError(f"{kind}, not a regular file")
 
 
 def parse_json(data: bytes) -> Any:
