@@ -1,8 +1,6 @@
-"""The journal of a sweep: how it is begun, and what a full disk leaves of that."""
+"""The journal of a sweep: how it is begun, and what is in the way of that."""
 
 import os
-import resource
-from contextlib import contextmanager
 
 import pytest
 
@@ -14,30 +12,11 @@ from lanewise.system.folder_io import PARTIAL
 IDENTITY = {"kind": "Sweep", "seed": 0}
 
 
-@contextmanager
-def full_disk():
-    """No file can grow."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
 def begin(path):
     book = journal.open_(path, IDENTITY)
     with book.folder:
         book.add([Reach(True, True, True, "01", 2)])
     return journal.read(path, IDENTITY)[0]
-
-
-def test_a_disk_full_at_the_first_byte_leaves_nothing_in_the_way(tmp_path):
-    path = tmp_path / "map" / "progress.json"
-    with full_disk(), pytest.raises(OSError, match="File too large"):
-        journal.open_(path, IDENTITY)
-    assert os.listdir(path.parent) == []
-    assert len(begin(path)) == 1
 
 
 def test_what_a_kill_leaves_of_a_beginning_is_not_in_the_way(tmp_path):

@@ -55,10 +55,9 @@ def open_(path: Path, identity: dict[str, Any]) -> Journal:
     Raises:
         RunError: the folder is in use or holds something else, or the journal is damaged.
     """
-    check_place(path)
     journal = Journal(folder_io.lock(path.parent, "sweeping"), path.name, identity)
     try:
-        # Checked again: another process may have begun before this one had the lock.
+        # The command has looked already; another process may have begun before the lock was had.
         if check_place(path):
             journal.reached, journal.outcomes = read(path, identity)
         else:
