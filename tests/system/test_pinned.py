@@ -9,15 +9,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import small_runs
 
 import lanewise
-from lanewise import config
-from lanewise.controllers.registry import STEP_1
 from lanewise.envs import functional
 from lanewise.scenario import trap
 from lanewise.system import pinned
-from lanewise.training import recipe, stage
 
 NO_TRAFFIC = {"vehicles_ahead": 0}
 
@@ -88,14 +84,6 @@ def pure():
     return np.concatenate([shown.observation, after.observation, looped.observation])
 
 
-def trained():
-    """A chunk of the training that many tests share (`conftest.whole`)."""
-    settings = config.compose(flags=small_runs.flags(5))
-    course = recipe.stage_config(settings, STEP_1)
-    state, _ = stage.advance(course, {}, stage.begin(course, {}, pinned.key(2)))
-    return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(state.learners)])
-
-
 def check(names, finders):
     """What is found with these switches is what is found without."""
     expected = {find: find() for find in finders}
@@ -131,7 +119,7 @@ def test_every_program_is_compiled_by_pinned():
 def test_all_switches_together_change_nothing_in_what_users_call():
     """Without the one by which nothing is compiled."""
     names = [name for name in SWITCHES if name != "jax_disable_jit"]
-    check(names, (single, several, pure, trained))
+    check(names, (single, several, pure))
 
 
 @pytest.mark.slow

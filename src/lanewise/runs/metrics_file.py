@@ -12,7 +12,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from lanewise.errors import CheckpointError, RunError
+from lanewise.errors import RunError
 from lanewise.system import safe_io
 from lanewise.system.folder_io import OpenFolder, begin_file, write_atomically
 
@@ -83,7 +83,8 @@ def read(path: Path, end: int | None = None, sha256: str | None = None) -> list[
     A last line cut short by a kill is left out.
 
     Raises:
-        RunError: the file cannot be read, was altered, or a line is damaged.
+        UnreadableError: the file cannot be read.
+        RunError: it was cut short or altered, or a line is damaged.
     """
     data = _whole_lines(path, end)
     if sha256 is not None and hashlib.sha256(data).hexdigest() != sha256:
@@ -103,10 +104,8 @@ def read_marked(path: Path, meta: Mapping[str, Any]) -> list[dict[str, Any]]:
 
     Where the mark is at 0, the file may be missing.
     """
-    length, digest = (meta.get(name) for name in ("metrics_bytes", "metrics_sha256"))
-    if type(length) is not int:
-        raise CheckpointError(f"{path}: a manifest does not say how far it goes")
-    return read(path, length, digest) if length else []
+    length = meta["metrics_bytes"]
+    return read(path, length, meta.get("metrics_sha256")) if length else []
 
 
 def keep_copy(folder: OpenFolder, path: Path, end: int) -> Path | None:
