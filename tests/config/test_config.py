@@ -9,7 +9,7 @@ import pytest
 from lanewise import config
 from lanewise.config import validation
 from lanewise.config.settings import ONE_LEVEL_STAGES, PRESETS, TRAPS, Settings
-from lanewise.errors import SettingsError
+from lanewise.errors import LanewiseError, SettingsError
 
 
 def from_toml(text):
@@ -170,7 +170,7 @@ def test_unknown_presets_are_refused_with_the_nearest_right_one():
 def test_bad_toml_files(tmp_path, content, hint):
     file = tmp_path / "bad.toml"
     file.write_bytes(content)
-    with pytest.raises(SettingsError, match=re.escape(hint)):
+    with pytest.raises(LanewiseError, match=re.escape(hint)):
         config.compose(file=file)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from lanewise import config
-from lanewise.errors import SettingsError
+from lanewise.errors import LanewiseError, SettingsError
 from lanewise.experiments import experiment
 
 BUILT_IN = [experiment.load(name) for name in experiment.BUILT_IN]
@@ -93,7 +93,7 @@ def test_files_that_cannot_be_read(tmp_path):
         ("bytes", "not UTF-8"),
         ("wrong", r"wrong\.toml: an experiment needs"),
     ):
-        with pytest.raises(SettingsError, match=said):
+        with pytest.raises(LanewiseError, match=said):
             experiment.load_file(tmp_path / f"{name}.toml")
 
 

@@ -35,6 +35,7 @@ def compose(
         data: The content of ``file``, if it has been read already.
 
     Raises:
+        UnreadableError: The file cannot be read.
         SettingsError: A name is unknown, or a value has the wrong type, is out of range or
             contradicts another.
     """

@@ -115,7 +115,8 @@ def load_file(path: Path) -> Experiment:
     """An experiment of the user's own.
 
     Raises:
-        SettingsError: it cannot be read, or something in it is wrong.
+        UnreadableError: it cannot be read.
+        SettingsError: something in it is wrong.
     """
     try:
         return parse(path.stem, safe_io.read_bytes(path, _LARGEST_FILE).decode("utf-8"))
