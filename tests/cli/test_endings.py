@@ -60,7 +60,7 @@ def test_what_a_command_prints_steers_no_terminal(monkeypatch, capsys):
     assert plain(capsys.readouterr().err).endswith(f"continue with:\n  {resume}\n")
     monkeypatch.setattr(training_loop, "train", lambda *_, **__: None)
     assert main(["train", "single-level", "--out", name]) == 0
-    assert plain(capsys.readouterr().err).endswith(f"; lanewise evaluate {shown} tests it\n")
+    assert plain(capsys.readouterr().err).endswith(f"test it with: lanewise evaluate {shown}\n")
     monkeypatch.setattr(evaluate_trained, "record", lambda *_: None)
     monkeypatch.setattr(clip, "render", lambda *_: None)
     assert main(["watch", "pretrained/single-level", "-o", f"{name}.gif"]) == 0
