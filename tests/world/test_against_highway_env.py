@@ -13,7 +13,7 @@ from highway_env.road.lane import StraightLane
 from highway_env.road.road import RoadNetwork
 from highway_env.vehicle.behavior import IDMVehicle
 
-from lanewise.interop.highway_env import build_env, command_table, read_world
+from lanewise.interop.highway_env import build_env, read_world
 from lanewise.world import (
     bicycle,
     bitset,
@@ -292,14 +292,6 @@ def test_reading_what_was_built(scene):
                 np.testing.assert_allclose(
                     value[kept], theirs[name][kept], atol=1e-15, err_msg=name
                 )
-
-
-def test_command_table_is_in_the_order_of_highway_env(scene):
-    table = command_table(scene.env)
-    assert table.shape == (9, 2)
-    for action, (acceleration, angle) in enumerate(table):
-        assert acceleration == (action // 3) - 1
-        np.testing.assert_allclose(angle, (action % 3 - 1) * np.pi / 50, rtol=1e-7)
 
 
 def test_ticks_of_batched_worlds_are_those_of_single_ones_one_by_one():

@@ -280,7 +280,8 @@ def test_a_crashed_driver_keeps_a_lane_that_it_would_leave(crashed):
 def test_float32_actions():
     table = command_table(build_env(make_world([0, 90], [0, 0])))
     assert table[2, 1] != np.pi / 50
-    np.testing.assert_allclose(table[2, 1], np.pi / 50, rtol=1e-7)
+    exact = [(action // 3 - 1, (action % 3 - 1) * np.pi / 50) for action in range(9)]
+    np.testing.assert_allclose(table, exact, rtol=1e-7)
 
 
 def test_constructor_zeros():
