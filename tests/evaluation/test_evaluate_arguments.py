@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import lanewise
+from fabricate import make_episodes
 from lanewise import api
 from lanewise.cli.evaluate_command import Evaluate
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import metrics
-from lanewise.evaluation.episodes import Episodes
 from lanewise.fields.ranges import FieldType
 from lanewise.report import tables
 from lanewise.runs import trained
@@ -93,9 +93,7 @@ def test_as_many_episodes_as_on_the_command_line():
 
 @pytest.fixture
 def found():
-    """An episode without an accident, as from a test."""
-    fields = dataclasses.fields(Episodes)
-    episodes = Episodes(**{each.name: np.zeros(1, np.int64) for each in fields})
+    episodes = make_episodes(1, 1)
     summary = metrics.summarise(episodes, controller="idle", world="lanewise")
     return lanewise.Evaluation(episodes, summary, None)
 

@@ -90,23 +90,16 @@ def git(place, *words):
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
 
-@pytest.fixture
-def checkout(tmp_path):
+def test_the_commit_of_a_checkout(tmp_path, monkeypatch):
     git(tmp_path, "init", "-q")
-    (tmp_path / "file").write_text("one")
-    git(tmp_path, "add", "file")
-    git(tmp_path, "commit", "-qm", "one")
-    return tmp_path
-
-
-def test_the_commit_of_a_checkout(tmp_path, checkout, monkeypatch):
-    head, unknown = git(checkout, "rev-parse", "HEAD"), {"commit": None, "clean_tree": None}
-    assert version.checkout_commit(checkout) == {"commit": head, "clean_tree": True}
-    (checkout / "another").write_text("two")
-    assert version.checkout_commit(checkout) == {"commit": head, "clean_tree": False}
+    git(tmp_path, "commit", "-qm", "one", "--allow-empty")
+    head, unknown = git(tmp_path, "rev-parse", "HEAD"), {"commit": None, "clean_tree": None}
+    assert version.checkout_commit(tmp_path) == {"commit": head, "clean_tree": True}
+    (tmp_path / "another").write_text("two")
+    assert version.checkout_commit(tmp_path) == {"commit": head, "clean_tree": False}
     assert version.checkout_commit(tmp_path.parent) == unknown
     monkeypatch.setenv("PATH", "")
-    assert version.checkout_commit(checkout) == unknown
+    assert version.checkout_commit(tmp_path) == unknown
     # A package that cannot say its commit.
     (tmp_path / version.BUILT_FROM).write_text("{")
     monkeypatch.setattr(version, "PACKAGE", tmp_path)

@@ -33,7 +33,7 @@ def draw(columns: Mapping[str, Recording], *, times: Sequence[float] = TIMES) ->
     """
     width = (style.WIDTH - LEFT - 0.1 - GAP * (len(columns) - 1)) / len(columns)
     inch = width / (SEEN[1] - SEEN[0])
-    frame_height = inch * max(np.diff(_across(each))[0] for each in columns.values())
+    frame_height = inch * max(np.diff(road_shapes.pavement(each))[0] for each in columns.values())
     height = TOP + len(times) * (frame_height + CAPTION) + BOTTOM
     figure = Figure(figsize=(style.WIDTH, height))
     for column, (title, recording) in enumerate(columns.items()):
@@ -58,12 +58,6 @@ def draw(columns: Mapping[str, Recording], *, times: Sequence[float] = TIMES) ->
     return figure
 
 
-def _across(recording: Recording) -> tuple[float, float]:
-    """Left and right end of the pavement, m."""
-    left, right = road_shapes.edges(recording)
-    return left - road_shapes.SHOULDER, right + road_shapes.SHOULDER
-
-
 def _frame(axes: Axes, recording: Recording, now: Moment, points: float) -> None:
     """The road around the ego; `points` of a font are a metre."""
     start, end = (float(now.x[0]) + offset for offset in SEEN)
@@ -76,7 +70,9 @@ def _frame(axes: Axes, recording: Recording, now: Moment, points: float) -> None
             snap=False,  # or some markings would come out a pixel wider than others
         )
     )
-    axes.set(xlim=(start, end), ylim=_across(recording)[::-1], aspect="equal", yticks=[])
+    axes.set(
+        xlim=(start, end), ylim=road_shapes.pavement(recording)[::-1], aspect="equal", yticks=[]
+    )
     axes.spines[:].set_visible(False)
     named = [
         *np.flatnonzero(recording.role == 0),

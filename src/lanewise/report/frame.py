@@ -32,13 +32,12 @@ class Camera:
     """From metres to pixels: it follows the ego along the road and shows the whole width."""
 
     def __init__(self, recording: Recording, ego_x: float, enlarged: int = 1) -> None:
-        left, right = road_shapes.edges(recording)
+        left, right = road_shapes.pavement(recording)
         width, height = WIDTH * enlarged, HEIGHT * enlarged
         self.panel = PANEL * height
         room = height - self.panel
         # 0.8 leaves a strip of grass for the distance marks.
-        paved = right - left + 2.0 * road_shapes.SHOULDER
-        self.scale = min(width / VISIBLE_ROAD, 0.8 * room / paved)
+        self.scale = min(width / VISIBLE_ROAD, 0.8 * room / (right - left))
         self.origin = ego_x - EGO_PLACE * width / self.scale
         self.end = self.origin + width / self.scale
         self._middle, self._centre = self.panel + 0.46 * room, (left + right) / 2.0
@@ -68,7 +67,7 @@ def frame(recording: Recording, t: float) -> Image.Image:
 def _distances(draw: ImageDraw.ImageDraw, recording: Recording, camera: Camera) -> None:
     """Metres along the road every 20 m, so that motion shows even on an empty road."""
     font = ImageFont.load_default(size=12)
-    edge = road_shapes.edges(recording)[1] + road_shapes.SHOULDER
+    edge = road_shapes.pavement(recording)[1]
     for x in range(int(camera.origin // 20) * 20, int(camera.end) + 20, 20):
         column, top = camera.pixel((float(x), edge))
         draw.line((column, top + 2, column, top + 6), fill=FAINT)

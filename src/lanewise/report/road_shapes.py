@@ -72,10 +72,16 @@ def edges(recording: Recording) -> tuple[float, float]:
     return float(left.min()), float(right.max())
 
 
+def pavement(recording: Recording) -> tuple[float, float]:
+    """Left and right end of the pavement, m."""
+    left, right = edges(recording)
+    return left - SHOULDER, right + SHOULDER
+
+
 def shapes(recording: Recording, now: Moment, start: float, end: float) -> Iterator[Shape]:
     """The road from x = `start` to `end`, m, and a little beyond; later shapes above earlier."""
     left, right = edges(recording)
-    yield _box(start, end, left - SHOULDER, right + SHOULDER, ASPHALT)
+    yield _box(start, end, *pavement(recording), ASPHALT)
     lane = int(recording.goal_lane[now.index])
     if lane >= 0:
         centre, half = recording.lane_centre[lane], recording.lane_width[lane] / 2.0
