@@ -8,9 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from lanewise.controllers.references import RuleBased
 from lanewise.driving import actions, episode
 from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation import reachability, sweep
+from lanewise.evaluation.evaluator import EvaluationConfig
 from lanewise.evaluation.grid import Grid
 from lanewise.evaluation.reachability import ReachabilityConfig
 from lanewise.interop.highway_env import build_env, read_world
@@ -19,7 +21,8 @@ from lanewise.scenario.trap import Start
 from lanewise.world import bicycle, tick
 
 DRIVING = DrivingSettings()
-COURSE = ReachabilityConfig(TrapSettings(), DRIVING, lanes=5, duration=50)
+COURSE = ReachabilityConfig(TrapSettings(lanes=5), DRIVING, duration=50)
+TEST = EvaluationConfig(COURSE.scenario, DRIVING, RuleBased(), 50)
 
 
 def start(ego, trap, front, side, lanes=3):
@@ -128,7 +131,7 @@ def test_clearance_rules_out_what_passes_by_centimetres():
     """In a grid as for each start alone: escapes, but not with 10 cm to spare."""
     wide = replace(COURSE, clearance=0.1)
     grid = Grid((13.0,), (8.0,), (5,), (14.8,), (6.61, 7.43))
-    found = list(sweep.reach(TrapSettings(), DRIVING, 50, 0.1, grid.points()))
+    found = list(sweep.reach(TEST, 0.1, grid.points()))
     for point, reach in zip(grid.points(), found, strict=True):
         alone = sweep.start_of(TrapSettings(), point)
         assert reach.winnable == reachability.judge(COURSE, alone).winnable
@@ -137,7 +140,7 @@ def test_clearance_rules_out_what_passes_by_centimetres():
         assert not reachability.judge(wide, alone).winnable
     assert [reach.winnable for reach in found] == [True, False]
     (easy,) = Grid((10.0,), (10.0,), (5,), (15.62,), (6.61,)).points()
-    reach = next(sweep.reach(TrapSettings(), DRIVING, 50, 0.1, [easy]))
+    reach = next(sweep.reach(TEST, 0.1, [easy]))
     assert reach.clear
     escape = tuple(map(int, reach.escape))
     assert reachability.replay(COURSE, sweep.start_of(TrapSettings(), easy), [escape])[0]

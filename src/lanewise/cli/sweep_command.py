@@ -109,15 +109,8 @@ def _work(
     apart = points[:: grid.traffics]
     done = len(journal.reached)
     reporter.stage("what can be won", len(apart), done)
-    verdicts = sweep.reach(
-        course.scenario,
-        course.driving,
-        course.duration,
-        command.clearance,
-        apart[done:],
-        [reach.escape for reach in journal.reached],
-    )
-    for verdict in verdicts:
+    known = [reach.escape for reach in journal.reached]
+    for verdict in sweep.reach(course, command.clearance, apart[done:], known):
         journal.add([verdict])
         lost = sum(not reach.winnable for reach in journal.reached)
         reporter.update(len(journal.reached), unwinnable=lost)

@@ -49,9 +49,8 @@ class ReachabilityConfig:
     """What stays the same from start to start. Static."""
 
     scenario: TrapSettings
+    """Its number of lanes is the largest of a start."""
     driving: DrivingSettings
-    lanes: int
-    """Static number of lanes."""
     duration: int
     """Decisions within which the ego must escape, and must have no accident."""
     clearance: float = 0.0
@@ -254,7 +253,7 @@ def begin(config: ReachabilityConfig, start: Start) -> World:
     scenario = replace(config.scenario, traffic=traffic)
     alone = replace(start, vehicles_ahead=0, vehicles_behind=0)
     # Only traffic is drawn, and there is none: any key will do.
-    world = trap.place(scenario, alone, pinned.key(0), config.lanes)
+    world = trap.place(scenario, alone, pinned.key(0), scenario.lanes)
     grown = 2.0 * config.clearance * jnp.asarray([0.0, 1.0, 1.0])
     drivers = world.drivers
     return replace(

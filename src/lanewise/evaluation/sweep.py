@@ -14,7 +14,6 @@ import numpy as np
 from jax import Array
 
 from lanewise.controllers.controller import Parameters
-from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation import concurrent, evaluator, reachability
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.evaluator import EvaluationConfig, Result
@@ -41,29 +40,21 @@ def start_of(scenario: TrapSettings, point: Point) -> Start:
 
 
 def reach(
-    scenario: TrapSettings,
-    driving: DrivingSettings,
-    duration: int,
-    clearance: float,
-    points: Sequence[Point],
-    known: Sequence[str] = (),
+    test: EvaluationConfig, clearance: float, points: Sequence[Point], known: Sequence[str] = ()
 ) -> Iterator[Reach]:
     """Which points can be won at all, and which with some clearance, m, from the trap cars.
 
     Args:
-        scenario: with the road's width and limit.
-        driving: the actions and the rules.
-        duration: decisions.
+        test: of the grid, as `config` made it.
         clearance: m.
         points: in an order in which neighbours are alike: escapes of the last ones are tried first.
         known: escapes found before.
     """
-    lanes = max((point.lanes for point in points), default=2)
-    strict = ReachabilityConfig(scenario, driving, lanes, duration)
+    strict = ReachabilityConfig(test.scenario, test.driving, test.duration)
     wide = replace(strict, clearance=clearance)
     pool: dict[Escape, None] = {tuple(map(int, escape)): None for escape in known if escape}
     for point in points:
-        start = start_of(scenario, point)
+        start = start_of(test.scenario, point)
         latest = list(reversed(pool))
         clear = reachability.judge(wide, start, latest)
         verdict = clear
