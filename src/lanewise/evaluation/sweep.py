@@ -6,7 +6,6 @@ and fullest start needs.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from math import ceil
 
 import jax
 import jax.numpy as jnp
@@ -24,8 +23,6 @@ from lanewise.scenario.settings import TrapSettings
 from lanewise.scenario.trap import Start
 from lanewise.system import pinned
 from lanewise.world.state import World
-
-Escape = tuple[int, ...]
 
 
 def config(test: EvaluationConfig, grid: Grid) -> EvaluationConfig:
@@ -52,7 +49,7 @@ def reach(
     """
     strict = ReachabilityConfig(test.scenario, test.driving, test.duration)
     wide = replace(strict, clearance=clearance)
-    pool: dict[Escape, None] = {tuple(map(int, escape)): None for escape in known if escape}
+    pool = dict.fromkeys(tuple(map(int, escape)) for escape in known if escape)
     for point in points:
         start = start_of(test.scenario, point)
         latest = list(reversed(pool))
@@ -110,7 +107,7 @@ def _drive(
 ) -> Episodes:
     """Episodes from given starts, in blocks; the last is filled up with copies."""
     count = len(numbers)
-    filled = [*numbers, *[numbers[-1]] * (ceil(count / evaluator.BLOCK) * evaluator.BLOCK - count)]
+    filled = [*numbers, *[numbers[-1]] * (-count % evaluator.BLOCK)]
 
     def driven(begin: int) -> Result:
         some = filled[begin : begin + evaluator.BLOCK]
