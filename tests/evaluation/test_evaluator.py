@@ -19,6 +19,7 @@ from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import LanewiseError, NumbersError
 from lanewise.evaluation import evaluator, metrics, stepwise, sweep
 from lanewise.evaluation.evaluator import EvaluationConfig
+from lanewise.evaluation.grid import SETTINGS as SETTING_OF
 from lanewise.evaluation.grid import Grid
 from lanewise.evaluation.stepwise import Lanewise
 from lanewise.interop import highway_env
@@ -155,16 +156,7 @@ def test_a_start_of_a_grid_is_the_test_start_with_those_settings():
     assert evaluator.drive_block.__wrapped__._cache_size() == before + 1
     assert outcomes(first=5) == found[5:]
     assert len(found) == len(points) == 8
-    own = {
-        "scenario.ego_speed": 9.5,
-        "scenario.trap_speed": 8.5,
-        "scenario.lanes": 3,
-        "scenario.test_front_distance": 15.0,
-        "scenario.test_side_distance": 6.0,
-        "scenario.traffic.spacing": 30.0,
-        "scenario.traffic.vehicles_behind": 0,
-    }
-    assert points[number] == tuple(own.values())
+    own = dict(zip(SETTING_OF.values(), points[number], strict=True))
     # Start i of a seed is the point's number times the episodes, and on from there.
     alone = recipe.evaluation_config(config.compose(flags=FEW | own), "single-level")
     many = evaluator.evaluate(alone, constant(7), 5, (number + 1) * episodes)
