@@ -46,9 +46,9 @@ def run(parsed: Parsed[Watch]) -> int:
     from lanewise.runs import trained
 
     controller = trained.load(command.run)
-    tell("driving")
+    tell("driving the episode")
     recording = evaluate_trained.record(controller, command.world, command.seed, command.episode)
-    tell("drawing")
+    tell("drawing the clip")
     clip.render(recording, command.out)
     tell(f"wrote {command.out}")
     return 0
