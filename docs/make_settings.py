@@ -4,7 +4,7 @@ Run it after changing one of these: ``python docs/make_settings.py``. A test fai
 done. Wherever a page quotes a setting as `` `name = value` ``, the value is the default's and is
 rewritten here. Between ``<!-- readings -->`` marks stands the table of readings, between
 ``<!-- rows 13 14 -->`` and ``<!-- /rows -->`` some of its rows, between ``<!-- metrics -->`` marks
-what each metric means.
+what each metric means, between ``<!-- lanes -->`` marks the features of that observation.
 """
 
 import dataclasses
@@ -15,6 +15,7 @@ from typing import Any, get_type_hints
 
 from lanewise import config
 from lanewise.config.settings import PRESETS, TRAPS, Settings
+from lanewise.driving import lane_observation
 from lanewise.evaluation.metrics import METRICS
 from lanewise.experiments import readings
 from lanewise.fields import docstrings
@@ -24,6 +25,7 @@ DOCS = Path(__file__).parent
 PAGES = (DOCS.parent / "README.md", *sorted(DOCS.glob("*.md")))
 BEGIN, END = "<!-- readings -->", "<!-- /readings -->"
 ROWS = re.compile(r"<!-- rows ([0-9a-c ]+) -->\n.*?<!-- /rows -->", re.DOTALL)
+LANE_TABLE = re.compile(r"<!-- lanes -->\n.*?<!-- /lanes -->", re.DOTALL)
 METRIC_TABLE = re.compile(r"<!-- metrics -->\n.*?<!-- /metrics -->", re.DOTALL)
 QUOTED = re.compile(r"`([a-z_]+(?:\.[a-z_]+)+) = [^`]*`")
 
@@ -107,9 +109,18 @@ def with_metrics(text: str) -> str:
     return METRIC_TABLE.sub(lambda _: f"<!-- metrics -->\n\n{table}\n\n<!-- /metrics -->", text)
 
 
+def with_lanes(text: str) -> str:
+    """A page with its table of the features of observation `lanes` up to date."""
+    table = "| feature | unit | divided by | meaning |\n|---|---|---:|---|"
+    for feature in lane_observation.FEATURES:
+        cells = (feature.name, feature.unit, f"{feature.divisor:g}", feature.meaning)
+        table += f"\n| {' | '.join(cells)} |"
+    return LANE_TABLE.sub(lambda _: f"<!-- lanes -->\n\n{table}\n\n<!-- /lanes -->", text)
+
+
 def up_to_date(text: str) -> str:
     """A page with everything up to date that is written here, but the table of readings."""
-    return with_metrics(with_rows(with_defaults(text)))
+    return with_lanes(with_metrics(with_rows(with_defaults(text))))
 
 
 def paper_page() -> str:

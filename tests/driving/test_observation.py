@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lanewise.driving import observation, percept
-from lanewise.driving.settings import DrivingSettings, ObservationSettings
+from lanewise.driving.settings import ObservationSettings
 from lanewise.driving.task_functions import TaskFunctions
 from lanewise.interop import highway_env_evaluation
 from lanewise.interop.highway_env import build_env
@@ -57,7 +57,7 @@ def test_features_that_somebody_edited_leave_the_comparison_with_highway_env(mon
     ours = rows_of(FEATURES(THEIRS, world))
     monkeypatch.setattr(observation, "features", lambda settings, world: jnp.zeros(27))
     batch = jax.tree.map(lambda leaf: leaf[None], world)
-    found = highway_env_evaluation._expected(DrivingSettings(), batch)
+    found = highway_env_evaluation._expected(batch)
     np.testing.assert_allclose(found, ours[None], atol=1e-12)
 
 

@@ -32,7 +32,7 @@ CASES = {
         "driving.actions.acceleration": 1.3,
     },
     "single-level": {},
-    "single-level, held": {"single_level.hold": 3},
+    "single-level, held": {"single_level.hold": 3, "driving.observation.variant": "lanes"},
 }
 STEPS, BATCH, LANES = 30, 40, 5
 EGO = Ego(y=4.0, heading=0.0, speed=10.0, lane_centres=[0.0, 4.0, 8.0])
@@ -53,7 +53,7 @@ def untrained(case):
 
 
 @cache
-def percepts():
+def percepts(features):
     """[STEPS, BATCH] percepts of cars that wander over 3 to 5 lanes, often near a goal."""
     rng = np.random.default_rng(0)
     lanes = rng.integers(3, LANES + 1, BATCH)
@@ -63,7 +63,7 @@ def percepts():
         "y": 4.0 * lane + rng.choice([0.0, 0.1, -0.25, 1.0, -1.9], shape),
         "speed": 10.0 + 0.5 * np.clip(rng.integers(-1, 2, shape).cumsum(0), -12, 14),
         "heading": rng.choice([0.0, 0.002, -0.06, 0.1, 0.25], shape),
-        "features": rng.uniform(-1.5, 1.5, (*shape, 26)),
+        "features": rng.uniform(-1.5, 1.5, (*shape, features)),
         "x": np.zeros(shape),
     }
     roads = jax.jit(jax.vmap(lambda count: road.straight_road(count, lanes_max=LANES)))(lanes)
@@ -79,6 +79,7 @@ def decisions(case):
     """What the JAX controller decides, shown the percepts one after the other."""
     trained = untrained(case)
     controller = recipe.evaluation_config(trained.settings, trained.name).controller
+    seen = percepts(trained.settings.driving.observation.size)
 
     def decide(memory, percept):
         action, memory, traces = controllers.act(controller, trained.parameters, memory, percept)
@@ -89,7 +90,7 @@ def decisions(case):
         first = jax.tree.map(lambda leaf: leaf[0], seen)
         return jax.lax.scan(decide, controller.start(first), seen)[1]
 
-    return jax.device_get(jax.jit(jax.vmap(one, in_axes=1, out_axes=1))(percepts()))
+    return jax.device_get(jax.jit(jax.vmap(one, in_axes=1, out_axes=1))(seen))
 
 
 @pytest.fixture(scope="module")

@@ -53,7 +53,11 @@ def test_ctrl_c_and_resume_give_the_same_bytes(tmp_path, whole, at):
     [
         ("h-dqn", 5, {}),
         # The weights of more validations than are held at once.
-        ("single-level", 9, {"evaluation.validation_interval": 1}),
+        (
+            "single-level",
+            9,
+            {"evaluation.validation_interval": 1, "driving.observation.variant": "lanes"},
+        ),
     ],
 )
 def test_other_trainings_resume_to_the_same_bytes(tmp_path, monkeypatch, controller, chunks, flags):

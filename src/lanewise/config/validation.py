@@ -24,8 +24,6 @@ _TRAINING_RANGES = (
 )
 _TOO_COARSE = "farther on, 32-bit places are coarser than 1 cm"
 _REWARDS = ("external_weight", "tracking_weight", "approach_weight", "goal_reward")
-FEATURES = 26
-"""Numbers that the paper's controllers observe."""
 _GIB = 1 << 30
 
 
@@ -64,14 +62,16 @@ def check_high_level(lender: Settings, borrower: Settings) -> None:
 
 
 def check_memory(
-    settings: Settings, controller: str, available: int | None, observed: int = FEATURES
+    settings: Settings, controller: str, available: int | None, observed: int | None = None
 ) -> None:
     """Refuses a training whose checkpoints do not fit into memory.
 
     The estimate is a lower bound: networks, their targets, both moments of Adam, the weights kept
     so far, and the replays; all of them are gathered in host memory for every checkpoint. Nothing
-    is refused where it is unknown how many bytes are ``available``.
+    is refused where it is unknown how many bytes are ``available``. ``observed`` is how many
+    numbers a user's own function observes.
     """
+    observed = settings.driving.observation.size if observed is None else observed
     for stage in CONTROLLERS[controller].stages:
         needs = {
             f"{section}.learner": _least_bytes(attrgetter(section)(settings).learner, observed)

@@ -1,18 +1,21 @@
-"""The 26 features a controller observes: highway-env's ``Kinematics`` plus the ego's lane offset.
+"""What a controller observes: the paper's 26 features, or those of `lane_observation`.
 
-Order: ego [presence, x, y, vx, vy], lane offset, then for each of the four vehicles nearest along
-the road [presence, x, y, vx, vy] relative to the ego (zeros where there is none).
+The paper's are highway-env's ``Kinematics`` plus the ego's lane offset, in this order: ego
+[presence, x, y, vx, vy], lane offset, then for each of the four vehicles nearest along the road
+[presence, x, y, vx, vy] relative to the ego (zeros where there is none).
 """
 
 import jax.numpy as jnp
 from jax import Array
 
-from lanewise.driving.settings import ObservationSettings
+from lanewise.driving import lane_observation
+from lanewise.driving.lane_observation import Surroundings
+from lanewise.driving.settings import VARIANTS, ObservationSettings
 from lanewise.world import road
 from lanewise.world.state import World
 
-SIZE = 26
-"""Number of features."""
+SIZE = VARIANTS["kinematics"]
+"""Number of the paper's features."""
 NEIGHBOURS = 4
 """Vehicles observed besides the ego."""
 LANE_OFFSET = 5
@@ -21,8 +24,6 @@ HIGHWAY_ENV_X = 200.0
 """highway-env reads this longitudinal distance as 1, m."""
 HIGHWAY_ENV_SPEED = 80.0
 """highway-env reads this speed as 1, m/s."""
-FINE_LIMIT = 2.0
-"""The fine scaling clips features to plus and minus this."""
 
 
 def nearest(world: World, perception_distance: float) -> tuple[Array, Array]:
@@ -101,19 +102,35 @@ def scaled(settings: ObservationSettings, world: World) -> tuple[Array, Array, A
             HIGHWAY_ENV_SPEED,
             HIGHWAY_ENV_SPEED,
         )
-        limit = 1.0
     else:
         speed, relative = settings.speed_range, settings.relative_speed_range
         ego_ranges = (1.0, HIGHWAY_ENV_X, width, speed, relative)
         other_ranges = (1.0, settings.x_range, width, relative, relative)
-        limit = FINE_LIMIT
-    dtype = rows.dtype
+    dtype, limit = rows.dtype, settings.limit
     ego = jnp.clip(rows[0] / jnp.asarray(ego_ranges, dtype), -limit, limit)
     others = jnp.clip(rows[1:] / jnp.asarray(other_ranges, dtype), -limit, limit)
     return ego, others, jnp.clip(offset / half_lane, -limit, limit)
 
 
 def features(settings: ObservationSettings, world: World) -> Array:
-    """The observation of a controller, [26]."""
+    """The observation of a controller, [`settings.size`]."""
+    if settings.variant == "lanes":
+        return lane_observation.observe(jnp, surroundings(world))
     ego, others, lane = scaled(settings, world)
     return jnp.concatenate([ego, lane[None], others.reshape(-1)])
+
+
+def surroundings(world: World) -> Surroundings:
+    """What `lane_observation` reads of a world."""
+    vehicles, drivers, road = world.vehicles, world.drivers, world.road
+    return Surroundings(
+        x=vehicles.x,
+        y=vehicles.y,
+        heading=vehicles.heading,
+        speed=vehicles.speed,
+        length=drivers.length,
+        present=vehicles.present,
+        lane_centre=road.centre,
+        lane_width=road.width,
+        lane_present=road.present,
+    )

@@ -4,9 +4,12 @@ from dataclasses import dataclass, field
 from math import ceil, pi
 from typing import Annotated
 
+from lanewise.driving import lane_observation
 from lanewise.fields.ranges import Between, OneOf
 
 Weight = Between(0.0, 1000.0)
+VARIANTS = {"kinematics": 26, "lanes": lane_observation.SIZE}
+"""Observations, and how many features each has."""
 
 
 @dataclass(frozen=True)
@@ -21,12 +24,16 @@ class ActionSettings:
 
 @dataclass(frozen=True)
 class ObservationSettings:
-    """How the 26 features are scaled.
+    """What a controller observes, and how it is scaled.
 
-    ``highway-env`` is its own: x by 200 m, y by the width of the road, speeds by 80 m/s, clipped
-    to [-1, 1]. ``fine`` divides by the ranges below and clips to [-2, 2].
+    ``kinematics`` are the paper's 26 features. Their scaling ``highway-env`` is its own: x by
+    200 m, y by the width of the road, speeds by 80 m/s, clipped to [-1, 1]. ``fine`` divides by the
+    ranges below and clips to [-2, 2]. ``lanes`` are 32 relative features, lane by lane, with fixed
+    divisors; `lanewise.driving.lane_observation` lists them.
     """
 
+    variant: Annotated[str, OneOf(tuple(VARIANTS))] = "kinematics"
+    """Which features; the settings below speak of kinematics."""
     scaling: Annotated[str, OneOf(("fine", "highway-env"))] = "fine"
     """Name of the scaling."""
     x_range: Annotated[float, Between(1.0, 1000.0, "m")] = 60.0
@@ -37,6 +44,18 @@ class ObservationSettings:
     """Relative speed that reads as 1 in the fine scaling."""
     perception_distance: Annotated[float, Between(1.0, 1000.0, "m")] = 200.0
     """Vehicles farther than this are not observed."""
+
+    @property
+    def size(self) -> int:
+        """Number of features."""
+        return VARIANTS[self.variant]
+
+    @property
+    def limit(self) -> float:
+        """Features are clipped to plus and minus this."""
+        if self.variant == "lanes":
+            return lane_observation.LIMIT
+        return 2.0 if self.scaling == "fine" else 1.0
 
 
 @dataclass(frozen=True)

@@ -88,7 +88,7 @@ class TaskFunctions:
             SettingsError: one of them fails, or returns something else than it must.
         """
         if not self.names():
-            return observation.SIZE
+            return driving.observation.size
         key = jax.eval_shape(lambda: pinned.key(0))
         world = self._tried("start", lambda key: self.start(scenario, key, split), key)
         self._check_world(world)

@@ -12,7 +12,6 @@ from gymnasium.spaces import Box, Discrete, Space
 from jax import Array
 from numpy.typing import NDArray
 
-from lanewise.driving import observation
 from lanewise.driving.task_functions import PAPER_TASK
 from lanewise.envs.control import EnvConfig
 from lanewise.envs.functional import Step
@@ -44,8 +43,7 @@ def of_observations(config: EnvConfig) -> Space[NDArray[np.float32]]:
     """What `functional.step` shows; without limits where a user's own function observes."""
     limit = np.inf
     if config.task.observe is PAPER_TASK.observe:
-        fine = config.driving.observation.scaling == "fine"
-        limit = observation.FINE_LIMIT if fine else 1.0
+        limit = config.driving.observation.limit
     size = config.task.validate(config.scenario, config.driving)
     box: Any = Box(-limit, limit, (size,), np.float32)
     return box  # type: ignore[no-any-return]

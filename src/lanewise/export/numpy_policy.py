@@ -25,7 +25,6 @@ import numpy as np
 from numpy.lib.format import read_array
 
 FORMAT, VERSION = "lanewise-policy", 1
-FEATURE_COUNT = 26
 START: dict[str, dict[str, Any]] = {
     "none": {},
     "held-action": {"held": np.int64(0), "age": np.int64(0)},
@@ -77,6 +76,12 @@ class Policy:
         """Whether it sets goals, and so needs the ego in SI units."""
         return bool(self.about["memory"] == "goal")
 
+    @property
+    def feature_count(self) -> int:
+        """Number F of features that it observes."""
+        first = "high_level" if self.has_goals else "single_level"
+        return int(self.arrays[f"{first}/0/weights"].shape[0])
+
     def start(self, batch: int) -> Memory:
         """The memory before the first decision, each part [batch]."""
         parts = START[self.about["memory"]]
@@ -94,7 +99,7 @@ class Policy:
         """The next action; remembers what has to be remembered.
 
         Args:
-            features: [26] as Lanewise's environments observe them, or [B, 26].
+            features: [F] as Lanewise's environments observe them, or [B, F].
             ego: the car itself; needed by controllers with goals.
 
         Returns:
@@ -105,8 +110,10 @@ class Policy:
         """
         rows = np.atleast_2d(np.asarray(features, np.float32))
         batch = len(rows)
-        if rows.shape != (batch, FEATURE_COUNT) or not np.isfinite(rows).all():
-            raise ValueError(f"features must be [26] or [B, 26] finite numbers, got {rows.shape}")
+        count = self.feature_count
+        if rows.shape != (batch, count) or not np.isfinite(rows).all():
+            wanted = f"[{count}] or [B, {count}] finite numbers"
+            raise ValueError(f"features must be {wanted}, got {rows.shape}")
         memory = self.start(batch) if self._memory is None else self._memory
         if any(len(part) != batch for part in memory.values()):
             raise ValueError("the batch has another size than before: call reset() first")
@@ -120,7 +127,7 @@ class Policy:
         """One decision of a batch, without checks or side effects.
 
         Args:
-            features: float32 [B, 26].
+            features: float32 [B, F].
             ego: float32 [B] and [B, M]; None for a controller without goals.
             memory: as from `start` or the last step.
 
@@ -330,4 +337,4 @@ def _try(policy: Policy) -> None:
     """Decide once: raises an error unless all is there that a decision needs."""
     zero = np.zeros(1, np.float32)
     ego = Ego(zero, zero, zero, zero[None]) if policy.has_goals else None
-    policy.step(np.zeros((1, FEATURE_COUNT), np.float32), ego, policy.start(1))
+    policy.step(np.zeros((1, policy.feature_count), np.float32), ego, policy.start(1))

@@ -8,7 +8,7 @@ import numpy as np
 import onnx
 from onnx import ModelProto, ValueInfoProto, helper
 
-from lanewise.export.numpy_policy import FEATURE_COUNT, START, Ego, Memory, Policy
+from lanewise.export.numpy_policy import START, Ego, Memory, Policy
 from lanewise.export.recording import Graph, Value
 from lanewise.report import output_files
 
@@ -17,10 +17,8 @@ OPSET, IR_VERSION = 18, 8
 BATCH = "batch"
 FEATURES, NEXT, VALUES = "features", "next_", "_values"
 """Input; prefix of the outputs that the next decision takes as its memory; ending of Q-values."""
-SHAPES: dict[str, list[Any]] = {FEATURES: [BATCH, FEATURE_COUNT], "lane_centres": [BATCH, "lanes"]}
-"""Of what is not [batch]."""
 MEANINGS = {
-    FEATURES: "the 26 features of Lanewise's observation",
+    FEATURES: "the features of Lanewise's observation",
     "y": "m across the road, positive to the right",
     "heading": "rad from the road's direction, positive to the right",
     "speed": "m/s along the heading",
@@ -48,7 +46,10 @@ def model(policy: Policy) -> ModelProto:
     outputs |= {level + VALUES: value for level, value in values.items()}
     for name, value in outputs.items():
         graph.add("Identity", [value.name], value.dtype, output=name)
-    shapes = SHAPES | {
+    shapes: dict[str, list[Any]] = {
+        FEATURES: [BATCH, policy.feature_count],
+        "lane_centres": [BATCH, "lanes"],
+    } | {
         level + VALUES: [BATCH, len(policy.arrays[f"{level}/{layers - 1}/biases"])]
         for level, layers in policy.about["levels"].items()
     }

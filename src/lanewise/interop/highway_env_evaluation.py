@@ -4,7 +4,6 @@ The percept comes from the live environment's state through *our* observation, a
 decision it is checked against highway-env's own ``Kinematics`` observation.
 """
 
-from dataclasses import replace
 from typing import Any
 
 import jax
@@ -14,7 +13,7 @@ from jax import Array
 
 from lanewise.controllers.controller import Memory
 from lanewise.driving import observation
-from lanewise.driving.settings import DrivingSettings
+from lanewise.driving.settings import DrivingSettings, ObservationSettings
 from lanewise.errors import LanewiseError, SettingsError
 from lanewise.evaluation import evaluator
 from lanewise.evaluation.evaluator import Drive, EvaluationConfig
@@ -53,7 +52,7 @@ class HighwayEnv:
             raise LanewiseError(
                 "continuous actions are not driven in highway-env here; evaluate in lanewise"
             )
-        _check(self._observed, _expected(config.driving, drive.episode.world))
+        _check(self._observed, _expected(drive.episode.world))
         self._observed = self._env.step(int(action[0]))[0]
         found: Drive = _conclude(config, drive, memory, action, read(self._env))
         if found.episode.outcome.over[0]:
@@ -110,10 +109,10 @@ def _batch_of_one(drive: Drive) -> Drive:
     return batch
 
 
-@pinned.jit(static_argnums=0)
-def _expected(driving: DrivingSettings, world: World) -> Array:
+@pinned.jit()
+def _expected(world: World) -> Array:
     """The observation highway-env should make of a world, [1, 5, 5]; the world is [1]."""
-    theirs = replace(driving.observation, scaling="highway-env", perception_distance=200.0)
+    theirs = ObservationSettings(scaling="highway-env")
     ego, others, _ = jax.vmap(lambda world: observation.scaled(theirs, world))(world)
     return jnp.concatenate([ego[:, None], others], axis=1)
 

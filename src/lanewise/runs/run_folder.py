@@ -75,11 +75,12 @@ class RunFolder:
         controller: str,
         seed: int,
         task: tuple[str, ...] = (),
-        observed: int = validation.FEATURES,
+        observed: int | None = None,
     ) -> "RunFolder":
         """Make a run in a new or empty folder and lock it; the folder is made with its parents.
 
-        ``observed`` tells how many numbers a controller observes; the rest are fields of the run.
+        ``observed`` is how many numbers a user's own function observes; the rest are fields of the
+        run.
 
         Raises:
             RunError: the folder is not empty or in use.
