@@ -163,6 +163,7 @@ CONTENTS = {
 TEXTS = {
     "not finite": not_finite,
     "deep": lambda data, rng: b"a = " + b"[" * 20_000 + b"]" * 20_000,
+    "dotted": lambda data, rng: b".".join([b"a"] * 40_000) + b" = 1\n",
     "many": lambda data, rng: b"[" + b'{"a":[]},' * 100_000 + b"0]\n",
 }
 """What becomes of those of JSON and TOML."""

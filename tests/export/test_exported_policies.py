@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from functools import cache
+from zipfile import ZipFile
 
 import jax
 import jax.numpy as jnp
@@ -251,6 +252,14 @@ def test_other_files_are_refused(files, tmp_path, monkeypatch):
         path.write_bytes(data)
         with pytest.raises(ValueError, match="is no policy"):
             load(path)
+    np.savez_compressed(path, zeros=np.zeros(10_000_000))
+    with pytest.raises(ValueError, match="is compressed"):
+        load(path)
+    with ZipFile(path, "w") as archive:
+        archive.writestr("zeros.npy", bytes(1000))
+        archive.filelist *= 2  # Two names for the same bytes.
+    with pytest.raises(ValueError, match="larger than the file"):
+        load(path)
     monkeypatch.setattr(numpy_policy, "LARGEST", 1000)
     with pytest.raises(ValueError, match="of at most 1000 bytes"):
         load(files / "planned.npz")

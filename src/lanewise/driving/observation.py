@@ -115,7 +115,8 @@ def scaled(settings: ObservationSettings, world: World) -> tuple[Array, Array, A
 def features(settings: ObservationSettings, world: World) -> Array:
     """The observation of a controller, [`settings.size`]."""
     if settings.variant == "lanes":
-        return lane_observation.observe(jnp, surroundings(world))
+        found: Array = lane_observation.observe(jnp, surroundings(world))
+        return found
     ego, others, lane = scaled(settings, world)
     return jnp.concatenate([ego, lane[None], others.reshape(-1)])
 

@@ -19,7 +19,7 @@ import os
 import stat
 from io import BytesIO
 from typing import Any, NamedTuple
-from zipfile import ZipFile
+from zipfile import ZIP_STORED, ZipFile
 
 import numpy as np
 from numpy.lib.format import read_array
@@ -294,7 +294,7 @@ class PolicyError(ValueError):
 
 
 def load(path: str | os.PathLike[str]) -> Policy:
-    """Read a policy; nothing in the file can run.
+    """Read a policy; nothing in the file can run, and it takes no more memory than its length.
 
     Raises:
         OSError: the file cannot be read.
@@ -309,6 +309,11 @@ def load(path: str | os.PathLike[str]) -> Policy:
         data = file.read()
     try:
         with ZipFile(BytesIO(data)) as archive:
+            members = archive.infolist()
+            if any(each.compress_type != ZIP_STORED for each in members):
+                raise ValueError("it is compressed")
+            if sum(each.file_size for each in members) > len(data):
+                raise ValueError("its arrays are larger than the file")
             # Each array is read to its end, and so compared with its checksum.
             arrays = {
                 name.removesuffix(".npy"): read_array(BytesIO(archive.read(name)))

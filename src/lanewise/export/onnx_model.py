@@ -47,12 +47,10 @@ def model(policy: Policy) -> ModelProto:
     for name, value in outputs.items():
         graph.add("Identity", [value.name], value.dtype, output=name)
     shapes: dict[str, list[Any]] = {
-        FEATURES: [BATCH, policy.feature_count],
-        "lane_centres": [BATCH, "lanes"],
-    } | {
         level + VALUES: [BATCH, len(policy.arrays[f"{level}/{layers - 1}/biases"])]
         for level, layers in policy.about["levels"].items()
     }
+    shapes |= {FEATURES: [BATCH, policy.feature_count], "lane_centres": [BATCH, "lanes"]}
     drawn = helper.make_graph(
         graph.nodes,
         policy.about["controller"],

@@ -14,6 +14,8 @@ from typing import Any
 from lanewise.errors import LanewiseError, brief
 from lanewise.system.version import __version__
 
+_MOST_DOTS = 32
+"""In a line of TOML."""
 _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFLNK: "a link"}
 
 
@@ -76,6 +78,9 @@ def read_document(
 def parse_toml(data: bytes) -> dict[str, Any]:
     """Parse TOML in UTF-8; a ValueError says in one line what is wrong."""
     try:
+        # To parse a key takes time with the square of its parts.
+        if any(line.count(b".") > _MOST_DOTS for line in data.split(b"\n")):
+            raise ValueError(f"a line has more than {_MOST_DOTS} dots")
         return tomllib.loads(data.decode("utf-8"))
     except UnicodeDecodeError as cause:
         raise ValueError("not UTF-8 text") from cause
