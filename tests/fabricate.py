@@ -6,11 +6,15 @@ import numpy as np
 
 from lanewise import config
 from lanewise.config.settings import Settings
+from lanewise.driving import accident_kinds as kinds
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.evaluation.grid import Cell, Grid, PointResult, Reach
 from lanewise.evaluation.metrics import summarise
 from lanewise.report.experiment_tables import ArmFigures
 from lanewise.report.sweep_page import SweepResult
+
+KIND_OF = np.array([kinds.NONE, kinds.CAR_AHEAD, kinds.OFF_ROAD, kinds.STOPPED], np.int8)
+"""A kind for each accident."""
 
 
 def make_recording(accident: int = 0, goals: bool = True, seconds: float = 25.0) -> Recording:
@@ -56,6 +60,7 @@ def make_recording(accident: int = 0, goals: bool = True, seconds: float = 25.0)
         accumulated_reward=np.cumsum(np.where(np.arange(frames) % 2 == 0, reward, 0.0)),
         escaped=xs[:, 0] - 5.0 > xs[:, 1],
         accident=accident,
+        accident_kind=int(KIND_OF[accident]),
     )
 
 
@@ -108,6 +113,7 @@ def make_episodes(
     return Episodes(
         success=success,
         accident=accident,
+        accident_kind=KIND_OF[accident],
         accumulated_reward=13.0 + faster + rng.normal(size=total),
         average_speed=13.0 + faster + 0.2 * rng.normal(size=total),
         travel_distance=325.0 + 25.0 * faster + 5.0 * rng.normal(size=total),

@@ -258,6 +258,7 @@ def test_episodes_to_look_at():
     recording = found.record(place)
     assert recording.controller == "mine"
     assert recording.accident == found.episodes.accident[place]
+    assert recording.accident_kind == found.episodes.accident_kind[place]
     assert recording.accumulated_reward[-1] == pytest.approx(
         found.episodes.accumulated_reward[place], abs=1e-4
     )

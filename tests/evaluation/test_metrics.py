@@ -16,6 +16,7 @@ from lanewise.evaluation.episodes import Episodes
 FOUR = Episodes(
     success=np.array([True, True, False, False]),
     accident=np.array([0, 0, 1, 3], np.int8),
+    accident_kind=np.array([0, 0, 3, 8], np.int8),
     accumulated_reward=np.array([12.0, 14.0, -8.0, -6.0]),
     average_speed=np.array([13.0, 14.0, 10.0, 7.0]),
     travel_distance=np.array([325.0, 350.0, 50.0, 35.0]),
@@ -54,6 +55,8 @@ def test_values(summary):
         low, high = summary.intervals[name]
         assert low < value < high
     assert summary.accidents == {"collision": 1, "off_road": 0, "stopped": 1}
+    happened = {kind: count for kind, count in summary.accident_kinds.items() if count}
+    assert happened == {"cut_in": 1, "stopped": 1}
 
 
 def test_a_success_of_ours_is_an_escape_without_an_accident_and_the_papers_any_escape():
@@ -131,6 +134,7 @@ def test_csv_has_one_row_an_episode_in_full_and_is_read_back():
     text = metrics.to_csv(exact)
     rows = list(csv.DictReader(io.StringIO(text)))
     assert [row["accident"] for row in rows] == ["none", "none", "collision", "stopped"]
+    assert [row["accident_kind"] for row in rows] == ["none", "none", "cut_in", "stopped"]
     assert (rows[2]["escape_time"], rows[0]["goals"]) == ("", "10")
     again = metrics.from_csv(text)
     for name, values in vars(exact).items():

@@ -273,7 +273,7 @@ def test_tracks_and_marks_are_the_recording():
 
 def test_an_accident_is_named_and_marked():
     figure = goal_figure.draw(CRASHED)
-    assert "collision" in [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "ran into the car ahead" in [text.get_text() for text in figure.legends[0].get_texts()]
     for axes, height in zip(figure.axes, (CRASHED.y[-1, 0], CRASHED.speed[-1, 0]), strict=True):
         assert marks(axes, {"marker": "X", "color": "black"}) == [[12.0, height]]
 

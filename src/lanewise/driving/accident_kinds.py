@@ -16,18 +16,18 @@ from lanewise.driving import accidents
 from lanewise.world import road
 from lanewise.world.state import World, select_by_index
 
-KINDS = (
-    "none",
-    "ran into the car ahead",
-    "ran into the car ahead after its own lane change",
-    "ran into a car that cut in",
-    "side-swiped a car",
-    "was side-swiped",
-    "was hit from behind",
-    "left the road",
-    "stopped",
-)
-"""What the ego did or suffered, by code."""
+KINDS = {
+    "none": "no accident",
+    "car_ahead": "ran into the car ahead",
+    "own_lane_change": "ran into it after a lane change",
+    "cut_in": "ran into a car that cut in",
+    "side_swipe": "side-swiped a car",
+    "side_swiped": "was side-swiped",
+    "hit_from_behind": "was hit from behind",
+    "off_road": "left the road",
+    "stopped": "stopped",
+}
+"""What the ego did or suffered, for people, by its name; the code is the place."""
 (
     NONE, CAR_AHEAD, OWN_LANE_CHANGE, CUT_IN, SIDE_SWIPE, SIDE_SWIPED, HIT_FROM_BEHIND, OFF_ROAD,
     STOPPED,

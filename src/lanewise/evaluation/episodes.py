@@ -5,8 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lanewise.driving import accident_kinds
+
 ACCIDENTS = ("none", "collision", "off_road", "stopped")
 """Names of the accident codes, in order; the code is the index."""
+
+ACCIDENT_KINDS = tuple(accident_kinds.KINDS)
+"""Names of the kinds of accidents, in order; the code is the index."""
 
 ROLES = ("ego", "trap", "traffic")
 """Names of the vehicle roles, in order; the role is the index."""
@@ -20,6 +25,8 @@ class Episodes:
     """[E] the ego's rear passed the front of every trap car, and no accident happened."""
     accident: NDArray[np.int8]
     """[E] index into `ACCIDENTS`."""
+    accident_kind: NDArray[np.int8]
+    """[E] index into `ACCIDENT_KINDS`."""
     accumulated_reward: NDArray[np.float64]
     """[E] sum of the rewards at the end of each timestep (1 s); an accident adds its penalty."""
     average_speed: NDArray[np.float64]
@@ -94,6 +101,15 @@ class Recording:
     """[T] has the ego been past the trap by then."""
     accident: int
     """Index into `ACCIDENTS`."""
+    accident_kind: int = 0
+    """Index into `ACCIDENT_KINDS`; 0 too in recordings stored before kinds were told."""
+
+    @property
+    def ending(self) -> str:
+        """The accident that ended it, in words."""
+        if self.accident_kind:
+            return accident_kinds.KINDS[ACCIDENT_KINDS[self.accident_kind]]
+        return ACCIDENTS[self.accident].replace("_", " ")
 
     def __repr__(self) -> str:
         return f"Recording({len(self.time)} frames of {', '.join(self.__dataclass_fields__)})"

@@ -117,6 +117,7 @@ def as_episodes(driving: DrivingSettings, blocks: Sequence[Result], count: int) 
     return Episodes(
         success=(escape > 0) & (accident == 0),
         accident=accident,
+        accident_kind=np.asarray(stats.outcome.accident_kind, np.int8),
         accumulated_reward=np.asarray(stats.timestep_reward, np.float64),
         average_speed=np.asarray(stats.speed_sum, np.float64) / decisions,
         travel_distance=np.asarray(stats.distance, np.float64),

@@ -1,7 +1,7 @@
 """The one definition of every test metric: name, unit, meaning, and what the paper published."""
 
 import csv
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite, nan
 from typing import Any
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import statistics
-from lanewise.evaluation.episodes import ACCIDENTS, Episodes
+from lanewise.evaluation.episodes import ACCIDENT_KINDS, ACCIDENTS, Episodes
 from lanewise.evaluation.statistics import Interval
 
 PUBLISHED_EPISODES = 300
@@ -177,6 +177,8 @@ class Summary:
     """By metric; NaN where there is nothing to average. An older summary lacks newer metrics."""
     accidents: Mapping[str, int]
     """Episodes by cause: collision, off_road, stopped."""
+    accident_kinds: Mapping[str, int]
+    """Episodes by kind of accident; none in an older summary."""
     intervals: Mapping[str, Interval]
     """95 %, by metric; a metric without an interval is missing."""
     unlike_paper: str | None = None
@@ -191,6 +193,7 @@ class Summary:
             "episodes": self.episodes,
             **{name: value if isfinite(value) else None for name, value in self.values.items()},
             "accidents": dict(self.accidents),
+            "accident_kinds": dict(self.accident_kinds),
             "intervals": {name: [low, high] for name, (low, high) in self.intervals.items()},
         }
 
@@ -204,6 +207,7 @@ class Summary:
             int(stored["episodes"]),
             {name: nan if value is None else float(value) for name, value in values.items()},
             dict(stored["accidents"]),
+            dict(stored.get("accident_kinds", {})),
             {name: (low, high) for name, (low, high) in stored["intervals"].items()},
         )
 
@@ -219,16 +223,22 @@ def summarise(
     if not len(episodes):
         raise LanewiseError("there is no test episode to summarise; ask for at least one")
     computed = {metric.name: metric.compute(episodes) for metric in METRICS}
-    counts = np.bincount(episodes.accident, minlength=len(ACCIDENTS)).tolist()
     return Summary(
         controller,
         world,
         len(episodes),
         {name: value for name, (value, _) in computed.items()},
-        dict(zip(ACCIDENTS[1:], counts[1:], strict=True)),
+        _counts(episodes.accident, ACCIDENTS),
+        _counts(episodes.accident_kind, ACCIDENT_KINDS),
         {name: interval for name, (_, interval) in computed.items() if isfinite(interval[0])},
         unlike_paper,
     )
+
+
+def _counts(codes: NDArray[np.int8], names: Sequence[str]) -> dict[str, int]:
+    """Episodes by the name of their code, but for the first, which is that of no accident."""
+    counts = np.bincount(codes, minlength=len(names)).tolist()
+    return dict(zip(names[1:], counts[1:], strict=True))
 
 
 def published_intervals(controller: str) -> dict[str, Interval]:
@@ -269,17 +279,19 @@ def paired(a: Episodes, b: Episodes) -> Paired:
     return Paired(common, tuple(int(i) for i in np.flatnonzero(~same)))
 
 
-_NUMBERS = tuple(n for n in Episodes.__dataclass_fields__ if n not in ("success", "accident"))
+_CODES = {"accident": ACCIDENTS, "accident_kind": ACCIDENT_KINDS}
+"""Outcomes that are stored by name."""
+_NUMBERS = tuple(n for n in Episodes.__dataclass_fields__ if n not in ("success", *_CODES))
 
 
 def to_csv(episodes: Episodes) -> str:
     """One row an episode as comma-separated text, numbers in full; an unknown value is empty."""
-    lines = [",".join(["episode", "success", "accident", *_NUMBERS])]
+    lines = [",".join(["episode", "success", *_CODES, *_NUMBERS])]
     for i in range(len(episodes)):
         numbers = (getattr(episodes, name)[i].item() for name in _NUMBERS)
         cells = ("" if number != number else repr(number) for number in numbers)
-        cause = ACCIDENTS[episodes.accident[i]]
-        lines.append(",".join([str(i), str(int(episodes.success[i])), cause, *cells]))
+        words = (names[getattr(episodes, code)[i]] for code, names in _CODES.items())
+        lines.append(",".join([str(i), str(int(episodes.success[i])), *words, *cells]))
     return "\n".join(lines) + "\n"
 
 
@@ -292,8 +304,10 @@ def from_csv(text: str) -> Episodes:
     }
     for name in ("goals", "goals_timed_out"):
         numbers[name] = numbers[name].astype(np.int64)
+    codes: dict[str, Any] = {
+        code: np.array([names.index(cell) for cell in cells[code]], np.int8)
+        for code, names in _CODES.items()
+    }
     return Episodes(
-        success=np.array([cell == "1" for cell in cells["success"]]),
-        accident=np.array([ACCIDENTS.index(cell) for cell in cells["accident"]], np.int8),
-        **numbers,
+        success=np.array([cell == "1" for cell in cells["success"]]), **codes, **numbers
     )

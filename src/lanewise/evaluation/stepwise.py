@@ -210,4 +210,5 @@ def recording(
         accumulated_reward=np.asarray(stats.timestep_reward, np.float64),
         escaped=np.asarray(stats.escaped, np.bool_),
         accident=int(stats.outcome.accident[-1]),
+        accident_kind=int(stats.outcome.accident_kind[-1]),
     )

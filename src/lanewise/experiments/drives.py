@@ -61,7 +61,13 @@ def read(path: Path) -> list[Recording]:
         count = 1 + max(int(name.partition("/")[0]) for name in found.files)
         names = [field.name for field in fields(Recording)]
         return [
-            Recording(**{name: _whole(name, found[f"{number}/{name}"]) for name in names})
+            Recording(
+                **{
+                    name: _whole(name, found[f"{number}/{name}"])
+                    for name in names
+                    if f"{number}/{name}" in found
+                }
+            )
             for number in range(count)
         ]
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from math import isfinite, nan
 
-from lanewise.evaluation.episodes import ACCIDENTS
+from lanewise.evaluation.episodes import ACCIDENT_KINDS
 from lanewise.evaluation.metrics import (
     METRICS,
     PUBLISHED,
@@ -36,7 +36,7 @@ def columns(summaries: Sequence[Summary]) -> list[Summary]:
         if controller in PUBLISHED and all(s.unlike_paper == "" for s in own):
             known, intervals = PUBLISHED[controller], published_intervals(controller)
             count = PUBLISHED_EPISODES
-            result.append(Summary(controller, "published", count, known, {}, intervals))
+            result.append(Summary(controller, "published", count, known, {}, {}, intervals))
         result += own
     return result
 
@@ -74,7 +74,8 @@ def _rows(every: Sequence[Summary]) -> list[list[str]]:
             cells = (tables.with_interval(metric, each) for each in every)
             rows.append([tables.head(metric), *cells])
         if metric.name == "accident_rate":
-            for cause in ACCIDENTS[1:]:
-                counts = (each.accidents.get(cause, tables.UNKNOWN) for each in every)
-                rows.append([f"  {cause.replace('_', ' ')}", *map(str, counts)])
+            for kind in ACCIDENT_KINDS:
+                if any(each.accident_kinds.get(kind) for each in every):
+                    counts = (each.accident_kinds.get(kind, tables.UNKNOWN) for each in every)
+                    rows.append([f"  {kind.replace('_', ' ')}", *map(str, counts)])
     return rows

@@ -2,7 +2,7 @@
 
 from math import isnan
 
-from lanewise.evaluation.episodes import ACCIDENTS, Recording
+from lanewise.evaluation.episodes import Recording
 from lanewise.report import road_shapes
 from lanewise.report.road_shapes import Moment, Point
 from lanewise.system.extras import needed_for
@@ -109,5 +109,5 @@ def _figures(recording: Recording, now: Moment) -> list[tuple[str, str]]:
 def _badge(recording: Recording, now: Moment) -> tuple[str, str] | None:
     """What has happened to the ego so far, and the colour to say it in."""
     if recording.accident and now.index == len(recording.time) - 1:
-        return ACCIDENTS[recording.accident].replace("_", " "), ALARM
+        return recording.ending, ALARM
     return ("escaped", GREEN) if recording.escaped[now.index] else None

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lanewise.errors import LanewiseError
-from lanewise.evaluation.episodes import ACCIDENTS, Recording
+from lanewise.evaluation.episodes import Recording
 from lanewise.report import figure_style as style
 from lanewise.report import road_shapes
 from lanewise.report.figure_style import STYLES, Axes, Figure, Floats, Line2D, Look
@@ -105,6 +105,5 @@ def _key(recording: Recording, found: Events) -> list[Line2D]:
     if recording.escaped.any():
         handles.append(Line2D([], [], label="out of the trap", **OUT))
     if recording.accident:
-        words = ACCIDENTS[recording.accident].replace("_", " ")
-        handles.append(Line2D([], [], label=words, **WRECK))
+        handles.append(Line2D([], [], label=recording.ending, **WRECK))
     return handles
