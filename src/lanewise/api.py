@@ -233,8 +233,8 @@ def evaluate(
             answers the same observation differently; False for a random policy.
         quiet: show no progress.
         settings: as of `lanewise.envs.functional.make`, such as ``duration``, ``task`` and any
-            setting of scenario and driving. A trained controller has its own settings, and needs
-            the ``task`` it was trained with.
+            setting of scenario and driving. Of a trained controller only ``duration`` and the
+            scenario may be others than its own, and it needs the ``task`` it was trained with.
 
     Returns:
         Metrics, outcomes, and episodes to look at.
@@ -279,12 +279,11 @@ def evaluate(
 def _ours(
     policy: str | Path | Trained, world: str, episodes: int, seed: int, quiet: bool, settings: Any
 ) -> Evaluation:
-    """The test of a trained controller, with the settings of its own run."""
+    """The test of a trained controller."""
     task = checked(settings.pop("task")) if "task" in settings else None
-    if settings:
-        raise LanewiseError(
-            f"{next(iter(settings))}: a trained controller is tested with its own settings"
-        )
+    if "duration" in settings:
+        settings["evaluation.duration"] = settings.pop("duration")
+    changes = keywords.in_full(settings, SECTIONS)
     if isinstance(policy, Trained):
         controller = policy
     else:
@@ -294,8 +293,9 @@ def _ours(
     if task is not None and task != controller.task:
         made = "; ".join(controller.task.names()) or "no task functions of the user's own"
         raise RunError(f"task: {controller.name} was made with {made}; give no others")
-    config = evaluate_trained.evaluation_config(controller)
     with Progress(quiet=quiet) as reporter:
+        controller = evaluate_trained.with_changes(controller, changes, reporter.note)
+        config = evaluate_trained.evaluation_config(controller)
         found = evaluate_trained.evaluate(controller, world, episodes, seed, reporter)
     return Evaluation(
         episodes=found,

@@ -14,6 +14,7 @@ from lanewise.cli import compare_command, doctor_command, train_command
 from lanewise.cli.command_line import parse
 from lanewise.cli.main import COMMANDS, command_class, main
 from lanewise.config.settings import Settings
+from lanewise.errors import SettingsError
 from lanewise.fields.docstrings import of_fields
 from lanewise.runs.run_folder import RunFolder
 
@@ -95,6 +96,7 @@ ANSWERED = {
 ANSWERS = """
 import sys
 from lanewise.cli.main import main
+from lanewise.errors import SettingsError
 
 for line in sys.argv[1:]:
     code = main(line.split())
@@ -125,6 +127,17 @@ def test_a_list_takes_every_word_that_belongs_to_no_flag():
     assert parsed.command.runs == tuple(map(Path, "abc"))
     assert (parsed.command.episodes, parsed.command.json) == (5, True)
     assert parsed.command.csv == Path("d.csv")
+
+
+def test_a_test_takes_settings_of_its_own_and_no_others():
+    words = ["a", "b", "--scenario.trap_speed", "8", "--evaluation.duration=60"]
+    wanted = {"scenario.trap_speed": 8.0, "evaluation.duration": 60}
+    assert parse(compare_command.Compare, words).command.test == wanted
+    for name in ("goals.time-limit", "scenario.training-lanes", "evaluation.fresh-episodes"):
+        with pytest.raises(SettingsError, match="unknown option"):
+            parse(compare_command.Compare, ["a", "b", f"--{name}", "3"])
+    with pytest.raises(SettingsError, match=r"--scenario.lanes must be between 2 and 8"):
+        parse(compare_command.Compare, ["a", "b", "--scenario.lanes", "9"])
 
 
 def test_values_are_read_as_they_are_written(inside):

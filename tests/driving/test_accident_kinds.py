@@ -6,11 +6,12 @@ import pytest
 
 from lanewise.driving import accident_kinds as kinds
 from lanewise.driving import accidents
+from lanewise.evaluation.episodes import ACCIDENT_KINDS
 from lanewise.world import tick
 from lanewise.world.state import CONSTANT
 from small_worlds import change, make_world, mirrored, single
 
-NAMES = list(kinds.KINDS)
+NAMES = list(ACCIDENT_KINDS)
 DRIFT = 0.1
 """Heading of who changes lane, rad."""
 PLACES = ((0.0, 0), (54.0, 1), (56.0, 1))
@@ -60,6 +61,10 @@ def test_an_accident_is_of_the_kind_that_it_was_made_to_be(wanted, mirror):
     assert NAMES[int(kind)] == NAMES[wanted]
     if wanted not in (kinds.OFF_ROAD, kinds.STOPPED):
         assert int(other) == 1
+
+
+def test_codes_are_called_what_they_mean():
+    assert [getattr(kinds, name.upper()) for name in NAMES] == list(range(len(NAMES)))
 
 
 def test_a_change_of_lane_long_ago_is_no_reason():

@@ -216,8 +216,24 @@ def test_a_controller_of_ours(ours, capsys):
         assert ("100%" in capsys.readouterr().err) != quiet
     np.testing.assert_array_equal(found.episodes.accumulated_reward, ours.accumulated_reward)
     assert found.summary.controller == "single-level"
-    with pytest.raises(LanewiseError, match="its own settings"):
-        lanewise.evaluate(trained, trap_speed=9.0)
+    with pytest.raises(LanewiseError, match=r"driving\.stopped_speed: .* keeps its own"):
+        lanewise.evaluate(trained, stopped_speed=9.0)
+
+
+def test_a_controller_of_ours_in_another_scenario(capsys):
+    trained = Trained("single-level", SETTINGS, 0, WEIGHTS)
+    before = evaluator.drive_block.__wrapped__._cache_size()
+    found = lanewise.evaluate(trained, episodes=COUNT, trap_speed=9.0)
+    assert "was trained on scenario.trap_speed 10.0 (here 9.0)\n" in capsys.readouterr().err
+    # The same maxima: nothing is compiled anew.
+    assert evaluator.drive_block.__wrapped__._cache_size() == max(1, before)
+    assert found.record().speed[0, 1] == 9.0
+    slower = config.replace(SETTINGS, {"scenario.trap_speed": 9.0})
+    made_so = Trained("single-level", slower, 0, WEIGHTS)
+    alike(found.episodes, lanewise.evaluate(made_so, episodes=COUNT).episodes)
+    assert "trained on" not in capsys.readouterr().err
+    shorter = lanewise.evaluate(trained, episodes=COUNT, quiet=True, duration=2)
+    assert shorter.episodes.duration.max() <= 2.0
 
 
 def test_a_recurrent_agent_keeps_its_state_within_a_block_and_no_longer():

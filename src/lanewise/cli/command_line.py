@@ -5,7 +5,8 @@ for settings in a file.
 
 A command is a dataclass. A field's metadata may say ``positional`` or give a ``short`` flag; a
 positional list takes every word that belongs to no flag. A field ``values`` of type ``Settings``
-lets the command take any setting, and needs the fields ``preset``, ``trap`` and ``settings``.
+lets the command take any setting, and needs the fields ``preset``, ``trap`` and ``settings``. A
+field ``test`` of type ``Changes`` lets it take those by which a test may differ from a run's own.
 """
 
 import argparse
@@ -13,20 +14,22 @@ import dataclasses
 import inspect
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING, dataclass, replace
 from functools import cache
 from pathlib import Path
 from shutil import get_terminal_size
 from typing import Any, Generic, NoReturn, TypeVar, get_type_hints
 
 from lanewise import config
-from lanewise.config.settings import PRESETS, Settings
+from lanewise.config.settings import PRESETS, Settings, of_test
 from lanewise.errors import SettingsError, brief
 from lanewise.fields import docstrings
 from lanewise.fields.ranges import Between, FieldType, OneOf
 from lanewise.fields.suggestions import nearest
 
 C = TypeVar("C")
+Changes = dict[str, object]
+"""Settings by dotted name, of those that say how a controller is tested."""
 _DASHES = "-\N{EN DASH}\N{EM DASH}"
 _NEGATIVE = re.compile(r"-(\d|\.\d|inf|nan)", re.IGNORECASE)
 
@@ -160,14 +163,18 @@ def parse(command: type[C], words: Sequence[str]) -> Parsed[C]:
             raise SettingsError(f"missing {option.label}{choices}")
     found = {name: options[name].read(value) for name, value in vars(namespace).items()}
     values = {name: value for name, value in found.items() if "." not in name}
-    if len(options) > len(config.field_types()):
+    settings = {name: value for name, value in found.items() if "." in name}
+    names = {item.name for item in dataclasses.fields(owner)}
+    if "test" in names:
+        values["test"] = settings
+    if "values" in names:
         preset = values.get("preset", "quick")
         values["values"] = config.compose(
             # An experiment's preset has settings of its own.
             preset=preset if preset in PRESETS else "quick",
             trap=values.get("trap", "trap-10"),
             file=values.get("settings"),
-            flags={name: value for name, value in found.items() if "." in name},
+            flags=settings,
         )
     return Parsed(command(**values), frozenset(found))
 
@@ -225,9 +232,20 @@ def _groups(part: Any, name: str = "", title: str = "") -> list[tuple[str, list[
         full, doc, hint = f"{name}{item.name}", docs.get(item.name, ""), hints[item.name]
         if hint is Settings:
             below += _groups(Settings())
+        elif hint == Changes:
+            below += _groups_of_test()
         elif dataclasses.is_dataclass(hint):
             below += _groups(getattr(part, item.name), f"{full}.", f"{full}: {doc.rstrip('.')}")
         else:
             default = item.default if isinstance(part, type) else getattr(part, item.name)
             own.append(Option(full, FieldType.of(hint), default, doc, item.metadata))
     return [(title, own), *below]
+
+
+def _groups_of_test() -> list[tuple[str, list[Option]]]:
+    """The settings by which a test may differ, without a default: that is the run's."""
+    found = []
+    for title, options in _groups(Settings()):
+        own = [replace(option, default=None) for option in options if of_test(option.name)]
+        found += [(f"{title} (default: as the run has it)", own)] if own else []
+    return found

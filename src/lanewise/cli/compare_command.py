@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lanewise import config
-from lanewise.cli.command_line import Parsed
+from lanewise.cli.command_line import Changes, Parsed
 from lanewise.config.settings import Settings
 from lanewise.errors import RunError, shell_line
 from lanewise.evaluation.settings import WORLDS
@@ -17,7 +17,7 @@ from lanewise.experiments.published import belongs_to_test
 from lanewise.fields.ranges import EPISODES, SEEDS, OneOf, show
 from lanewise.runs import pretrained
 from lanewise.runs.run_folder import RunFolder
-from lanewise.system.progress import Progress
+from lanewise.system.progress import Progress, tell
 
 if TYPE_CHECKING:
     from lanewise.evaluation.episodes import Episodes
@@ -49,13 +49,15 @@ class Compare:
     """Also write the tables to this Markdown file."""
     csv: Path | None = None
     """Also write one line a run and metric to this CSV file."""
+    test: Changes = field(default_factory=dict)
+    """Settings of the test."""
 
 
 def run(parsed: Parsed[Compare]) -> int:
     """Compares; returns the exit code."""
     command = parsed.command
     folders = [RunFolder.open(pretrained.locate(path)) for path in command.runs]
-    settings = _settings(folders, command.scenario_of)
+    settings = _settings(folders, command.scenario_of, command.test)
     from lanewise.report import output_files
 
     output_files.check_writable(*filter(None, (command.markdown, command.csv)))
@@ -66,9 +68,13 @@ def run(parsed: Parsed[Compare]) -> int:
         for path, folder in zip(command.runs, folders, strict=True)
     ]
     comparison.arm_members(entries)
+    from lanewise.experiments import evaluate_trained
     from lanewise.report import comparison_page as pages
     from lanewise.runs import trained
 
+    for folder, own in zip(folders, settings, strict=True):
+        if line := evaluate_trained.trained_on(folder.settings, own):
+            tell(f"{folder.path} was {line}")
     controllers = [
         dataclasses.replace(trained.load(folder.path), settings=own)
         for folder, own in zip(folders, settings, strict=True)
@@ -103,7 +109,9 @@ def _drive(controllers: "Sequence[Trained]", command: Compare) -> "list[Episodes
     return episodes
 
 
-def _settings(folders: Sequence[RunFolder], scenario_of: Path | None) -> list[Settings]:
+def _settings(
+    folders: Sequence[RunFolder], scenario_of: Path | None, changes: Changes
+) -> list[Settings]:
     """The settings each run is tested with: its own, in the scenario asked for.
 
     Raises:
@@ -114,6 +122,7 @@ def _settings(folders: Sequence[RunFolder], scenario_of: Path | None) -> list[Se
         theirs = config.flatten(RunFolder.open(pretrained.locate(scenario_of)).settings)
         scenario = {name: v for name, v in theirs.items() if name.startswith("scenario.")}
         settings = [config.replace(each, scenario) for each in settings]
+    settings = [config.replace(each, changes) for each in settings]
     for folder, own in zip(folders[1:], settings[1:], strict=True):
         for name, (first, other) in config.differences([settings[0], own]).items():
             if belongs_to_test(name):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from lanewise.cli.command_line import Parsed
+from lanewise.cli.command_line import Changes, Parsed
 from lanewise.controllers.registry import CONTROLLERS
 from lanewise.controllers.settings import RENEWALS
 from lanewise.errors import RunError
@@ -34,6 +34,8 @@ class Evaluate:
     """Print one JSON object instead of a table."""
     episodes_out: Path | None = None
     """Also write one line per episode to this CSV file."""
+    test: Changes = field(default_factory=dict)
+    """Settings of the test."""
 
 
 def check_renewal(renewal: str | None, run: Path, controller: str) -> None:
@@ -56,8 +58,10 @@ def run(parsed: Parsed[Evaluate]) -> int:
     from lanewise.report import evaluation_table
     from lanewise.runs import trained
 
-    controller = trained.load(command.run)
     with Progress() as reporter:
+        controller = evaluate_trained.with_changes(
+            trained.load(command.run), command.test, reporter.note
+        )
         episodes = evaluate_trained.evaluate(
             controller, command.world, command.episodes, command.seed, reporter, command.renewal
         )

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from lanewise.cli.command_line import Parsed
+from lanewise.cli.command_line import Changes, Parsed
 from lanewise.errors import SettingsError
 from lanewise.evaluation.settings import WORLDS
 from lanewise.fields.ranges import SEEDS, Between, OneOf
@@ -29,6 +29,8 @@ class Watch:
     """Which episode of the seed, counted from 0."""
     world: Annotated[str, OneOf(WORLDS)] = "lanewise"
     """World to drive in."""
+    test: Changes = field(default_factory=dict)
+    """Settings of the test."""
 
 
 def run(parsed: Parsed[Watch]) -> int:
@@ -45,7 +47,7 @@ def run(parsed: Parsed[Watch]) -> int:
     from lanewise.report import clip
     from lanewise.runs import trained
 
-    controller = trained.load(command.run)
+    controller = evaluate_trained.with_changes(trained.load(command.run), command.test, tell)
     tell("driving the episode")
     recording = evaluate_trained.record(controller, command.world, command.seed, command.episode)
     tell("drawing the clip")

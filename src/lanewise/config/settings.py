@@ -88,3 +88,13 @@ TRAPS: dict[str, dict[str, object]] = {
     "trap-10.9": {"scenario.trap_speed": 10.9},
 }
 """Scenario presets: what each changes in the defaults."""
+
+
+def of_test(name: str) -> bool:
+    """Whether a test of a controller may have another value of a setting than its training.
+
+    All else is part of the controller, or speaks of training starts.
+    """
+    if name.startswith(("scenario.training_", "scenario.ego_driver")):
+        return False
+    return name.startswith("scenario.") or name == "evaluation.duration"

@@ -16,22 +16,10 @@ from lanewise.driving import accidents
 from lanewise.world import road
 from lanewise.world.state import World, select_by_index
 
-KINDS = {
-    "none": "no accident",
-    "car_ahead": "ran into the car ahead",
-    "own_lane_change": "ran into it after a lane change",
-    "cut_in": "ran into a car that cut in",
-    "side_swipe": "side-swiped a car",
-    "side_swiped": "was side-swiped",
-    "hit_from_behind": "was hit from behind",
-    "off_road": "left the road",
-    "stopped": "stopped",
-}
-"""What the ego did or suffered, for people, by its name; the code is the place."""
-(
-    NONE, CAR_AHEAD, OWN_LANE_CHANGE, CUT_IN, SIDE_SWIPE, SIDE_SWIPED, HIT_FROM_BEHIND, OFF_ROAD,
-    STOPPED,
-) = range(len(KINDS))  # fmt: skip
+NONE, CAR_AHEAD, OWN_LANE_CHANGE, CUT_IN, SIDE_SWIPE, SIDE_SWIPED = range(6)
+HIT_FROM_BEHIND, OFF_ROAD, STOPPED = range(6, 9)
+"""Codes of the kinds: the ego ran into the car ahead, into it after its own lane change, into a car
+that cut in; side-swiped a car, was side-swiped; was hit from behind; left the road; stopped."""
 RECENT = 4.0
 """A change of lane counts as the reason for this long, s; a change takes about 3 s."""
 _NEVER = 1 << 20
@@ -63,7 +51,7 @@ def follow(history: LaneHistory, world: World) -> LaneHistory:
 def kind(
     accident: Array, before: World, after: World, history: LaneHistory, decision: float
 ) -> Array:
-    """The kind of an accident, int32 [] into `KINDS`.
+    """The kind of an accident, int32 [].
 
     Args:
         accident: int32 [] code of `accidents`.

@@ -33,6 +33,11 @@ def compose(
         SettingsError: a name is unknown, means several settings, would be read as another's, or is
             given twice; or a value has the wrong type, is out of range or contradicts another.
     """
+    return config.compose(preset, trap, flags=in_full(given, sections))
+
+
+def in_full(given: Mapping[str, Any], sections: Sequence[str] = SECTIONS) -> dict[str, object]:
+    """What was given by dotted name, as `compose` reads it; values are not checked."""
     known = [name for name in config.field_types() if name.partition(".")[0] in sections]
     flags: dict[str, object] = {}
     for name, value in _flat(given, known):
@@ -40,7 +45,7 @@ def compose(
         if setting in flags:
             raise SettingsError(f"{setting} is given twice")
         flags[setting] = plain(value)
-    return config.compose(preset, trap, flags=flags)
+    return flags
 
 
 def plain(value: Any) -> Any:

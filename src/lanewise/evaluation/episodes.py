@@ -5,13 +5,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lanewise.driving import accident_kinds
-
 ACCIDENTS = ("none", "collision", "off_road", "stopped")
 """Names of the accident codes, in order; the code is the index."""
 
-ACCIDENT_KINDS = tuple(accident_kinds.KINDS)
-"""Names of the kinds of accidents, in order; the code is the index."""
+ACCIDENT_KINDS = {
+    "none": "no accident",
+    "car_ahead": "ran into the car ahead",
+    "own_lane_change": "ran into it after a lane change",
+    "cut_in": "ran into a car that cut in",
+    "side_swipe": "side-swiped a car",
+    "side_swiped": "was side-swiped",
+    "hit_from_behind": "was hit from behind",
+    "off_road": "left the road",
+    "stopped": "stopped",
+}
+"""Names of the codes of `lanewise.driving.accident_kinds`, in order, and in words."""
 
 ROLES = ("ego", "trap", "traffic")
 """Names of the vehicle roles, in order; the role is the index."""
@@ -108,7 +116,7 @@ class Recording:
     def ending(self) -> str:
         """The accident that ended it, in words."""
         if self.accident_kind:
-            return accident_kinds.KINDS[ACCIDENT_KINDS[self.accident_kind]]
+            return list(ACCIDENT_KINDS.values())[self.accident_kind]
         return ACCIDENTS[self.accident].replace("_", " ")
 
     def __repr__(self) -> str:

@@ -229,7 +229,7 @@ def summarise(
         len(episodes),
         {name: value for name, (value, _) in computed.items()},
         _counts(episodes.accident, ACCIDENTS),
-        _counts(episodes.accident_kind, ACCIDENT_KINDS),
+        _counts(episodes.accident_kind, tuple(ACCIDENT_KINDS)),
         {name: interval for name, (_, interval) in computed.items() if isfinite(interval[0])},
         unlike_paper,
     )
@@ -279,7 +279,7 @@ def paired(a: Episodes, b: Episodes) -> Paired:
     return Paired(common, tuple(int(i) for i in np.flatnonzero(~same)))
 
 
-_CODES = {"accident": ACCIDENTS, "accident_kind": ACCIDENT_KINDS}
+_CODES = {"accident": ACCIDENTS, "accident_kind": tuple(ACCIDENT_KINDS)}
 """Outcomes that are stored by name."""
 _NUMBERS = tuple(n for n in Episodes.__dataclass_fields__ if n not in ("success", *_CODES))
 
