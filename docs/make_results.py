@@ -19,8 +19,9 @@ from lanewise import config
 from lanewise.config.settings import Settings
 from lanewise.evaluation.metrics import Summary
 from lanewise.experiments import published
-from lanewise.report import experiment_tables, tables
+from lanewise.report import experiment_tables, seed_figure, tables
 from lanewise.report.experiment_tables import ArmFigures
+from lanewise.report.figure_style import save
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "results"
@@ -29,6 +30,8 @@ TABLE = re.compile(r"(<!-- table: ([^>\n]+) -->\n).*?(<!-- /table -->)", re.DOTA
 WORLDS = ("lanewise", "highway-env")
 HEADLINE = ("hierarchical", "h-dqn", "single-level", "search")
 """Arms of the README's table."""
+LITERAL = "paper-literal"
+"""The experiment `paper`, in parts."""
 COLUMNS = (
     ("accumulated_reward", "reward", 1.0, 2, ""),
     ("average_speed", "speed", 1.0, 2, " m/s"),
@@ -41,9 +44,11 @@ COLUMNS = (
 
 
 def main() -> None:
-    """Write every page."""
+    """Write every page, and draw what a report in parts cannot draw itself."""
     for path, text in pages().items():
         path.write_text(text)
+    literal = seed_figure.draw(figures(_read(LITERAL)), WORLDS[0])
+    save(literal, RESULTS / LITERAL / "seeds", (".png",))
 
 
 def pages() -> dict[Path, str]:
@@ -65,7 +70,11 @@ def _filled(found: re.Match[str]) -> str:
 
 
 def _read(name: str) -> Any:
-    return json.loads((RESULTS / name).read_text())
+    """A stored file, or a folder of reports of one experiment's arms as one report."""
+    if (RESULTS / name).is_file():
+        return json.loads((RESULTS / name).read_text())
+    parts = _each(name)
+    return parts[0] | {"arms": [arm for part in parts for arm in part["arms"]]}
 
 
 def _each(folder: str) -> list[Any]:
