@@ -55,7 +55,7 @@ AGED = {
         *(f"{r}/report.json" for r in ("standard", "paper", "readings")),
     ],
     "docs/hierarchical.md": ["standard/report.json"],
-    "docs/paper.md": ["paper-literal/report.json"],
+    "docs/findings.md": ["paper-literal", "standard/report.json"],
     "docs/ranges.md": ["ranges/wide/map.json", "ranges/wide-traffic/map.json", "search.json"],
     "docs/quick-preset.md": ["search.json"],
     "examples/README.md": ["outside/brief"],

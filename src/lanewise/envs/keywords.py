@@ -13,7 +13,8 @@ from lanewise.fields.suggestions import nearest
 SECTIONS = ("scenario", "driving", "goals", "planner")
 """Sections of the settings that an environment uses."""
 NEEDED = (
-    *("traffic.driver", "traffic.speed", "traffic.first_gap", "actions", "observation.speed_range"),
+    *("traffic.driver", "traffic.speed", "traffic.first_gap", "actions"),
+    *("observation.variant", "observation.speed_range"),
     *("goals", "planner", "search", "single_level"),
 )
 """Without these words a setting's name would be read as the ego's, the episode's or another's."""
