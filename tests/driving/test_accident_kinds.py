@@ -25,9 +25,9 @@ def drive(world):
     def on(state):
         world, history, _, _ = state
         after = tick.run(world, 0.1, 5)
-        history = kinds.follow(history, after)
+        history = kinds.follow(history, world, after)
         code = accidents.ego_accident(after, 0.1)
-        return after, history, code, kinds.kind(code, world, after, history, 0.5)
+        return after, history, code, kinds.kind(code, after, history, 0.5)
 
     start = world, kinds.begin(world), jnp.int32(accidents.NONE), jnp.int32(kinds.NONE)
     world, _, _, kind = jax.lax.while_loop(lambda state: state[2] == accidents.NONE, on, start)
@@ -72,8 +72,8 @@ def test_a_change_of_lane_long_ago_is_no_reason():
     left, *straight = (cars((x, lane, 12.0, 0.0), (60.0, 1, 10.0, 0.0)) for x, lane in PLACES)
     before, after = (single(change(world, crashed=[True, True])) for world in straight)
     code, found = jnp.int32(accidents.COLLISION), {}
-    history = kinds.follow(kinds.begin(single(left)), before)
+    history = kinds.follow(kinds.begin(single(left)), single(left), before)
     for decisions in range(1, 10):
-        history = kinds.follow(history, before)
-        found[decisions] = int(kinds.kind(code, before, after, history, 0.5))
+        history = kinds.follow(history, before, after)
+        found[decisions] = int(kinds.kind(code, after, history, 0.5))
     assert found == {n: kinds.OWN_LANE_CHANGE if n <= 8 else kinds.CAR_AHEAD for n in range(1, 10)}

@@ -31,8 +31,7 @@ def test_a_crash_after_the_escape_leaves_the_papers_success_and_takes_ours(begun
     state, shown = begun
     assert not shown.escaped
     ended = jnp.bool_(crashed)
-    code = jnp.int32(crashed)
-    outcome = Outcome(jnp.float32(0.0), code, code, ended, jnp.bool_(False))
+    outcome = Outcome(jnp.float32(0.0), jnp.int32(crashed), ended, jnp.bool_(False))
     stats = replace(state.episode.stats, escape_decision=jnp.int32(1), outcome=outcome)
     past = replace(state.episode, stats=stats)
     _, shown = AFTER_STEP(TASK, past, state.memory, outcome.reward)

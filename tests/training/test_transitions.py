@@ -26,7 +26,7 @@ AFTER = jnp.array([7.0, 8.0])
 
 def outcome(terminated=False, truncated=False):
     flags = (jnp.bool_(flag) for flag in (terminated, truncated))
-    return Outcome(jnp.float32(10.0), jnp.int32(terminated), jnp.int32(0), *flags)
+    return Outcome(jnp.float32(10.0), jnp.int32(terminated), *flags)
 
 
 def feedback(distance=4.0, reached=False):

@@ -1,9 +1,9 @@
 """What kind of accident happened: who ran into whom, and after whose change of lane.
 
-`accidents` says that an accident happened and what ends an episode. Here a collision is told by the
-two worlds around the decision in which it happened, and by when vehicles last changed lane. Two
-rectangles meet once they overlap along the road and across it: the one of the two that came last
-tells a rear-end collision from a side-swipe.
+`accidents` says that an accident happened and what ends an episode. Here a collision is told by
+where everybody was before and after the decision in which it happened, and by when vehicles last
+changed lane. Two rectangles meet once they overlap along the road and across it: the one of the two
+that came last tells a rear-end collision from a side-swipe.
 """
 
 from dataclasses import dataclass
@@ -27,80 +27,88 @@ _NEVER = 1 << 20
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class LaneHistory:
-    """When each vehicle last changed lane."""
+class History:
+    """When each vehicle last changed lane, and where it was a decision ago."""
 
     lane: Array
     """int32 [N] the nearest lane now."""
     since: Array
     """int32 [N] decisions since it became the nearest."""
+    x: Array
+    """[N] before the last decision, m."""
+    y: Array
+    """[N] m."""
 
 
-def begin(world: World) -> LaneHistory:
+def begin(world: World) -> History:
     """The history at a start, where nobody has changed lane."""
-    lane = road.closest_lane(world.road, world.vehicles.x, world.vehicles.y)
-    return LaneHistory(lane, jnp.full(lane.shape, _NEVER, jnp.int32))
+    x, y = world.vehicles.x, world.vehicles.y
+    lane = road.closest_lane(world.road, x, y)
+    return History(lane, jnp.full(lane.shape, _NEVER, jnp.int32), x, y)
 
 
-def follow(history: LaneHistory, world: World) -> LaneHistory:
-    """The history one decision later, in ``world``."""
-    lane = road.closest_lane(world.road, world.vehicles.x, world.vehicles.y)
-    return LaneHistory(lane, jnp.where(lane == history.lane, history.since + 1, 0))
+def follow(history: History, before: World, after: World) -> History:
+    """The history after a decision that led from one world to the next."""
+    lane = road.closest_lane(after.road, after.vehicles.x, after.vehicles.y)
+    since = jnp.where(lane == history.lane, history.since + 1, 0)
+    return History(lane, since, before.vehicles.x, before.vehicles.y)
 
 
-def kind(
-    accident: Array, before: World, after: World, history: LaneHistory, decision: float
-) -> Array:
+def kind(accident: Array, world: World, history: History, decision: float) -> Array:
     """The kind of an accident, int32 [].
 
     Args:
         accident: int32 [] code of `accidents`.
-        before: the world before the decision in which it happened.
-        after: the world after it.
-        history: of lanes, after it.
+        world: after the decision in which it happened.
+        history: after that decision.
         decision: simulated length of a decision, s.
     """
     plain = jnp.where(accident == accidents.STOPPED, STOPPED, NONE)
     plain = jnp.where(accident == accidents.OFF_ROAD, OFF_ROAD, plain)
-    met = _collision(before, after, history, RECENT / decision)
+    met = _collision(world, history, RECENT / decision)
     return jnp.where(accident == accidents.COLLISION, met, plain).astype(jnp.int32)
 
 
-def partner(after: World) -> Array:
+def partner(world: World) -> Array:
     """The vehicle that the ego collided with: of those that crashed the nearest; int32 []."""
-    along, across = _gaps(after, jnp.arange(after.vehicles.x.shape[0]))
-    others = jnp.arange(along.shape[0]) > 0
-    crashed = after.vehicles.crashed & after.vehicles.present & others
+    vehicles = world.vehicles
+    along, across = _gaps(world, vehicles.x, vehicles.y)
+    crashed = vehicles.crashed & vehicles.present & (jnp.arange(along.shape[0]) > 0)
     return jnp.argmin(jnp.where(crashed, jnp.maximum(along, across), jnp.inf)).astype(jnp.int32)
 
 
-def _collision(before: World, after: World, history: LaneHistory, recent: float) -> Array:
+def _collision(world: World, history: History, recent: float) -> Array:
     """The kind of a collision, from how the ego and the other vehicle came together."""
-    other = partner(after)
-    gaps = zip(_gaps(before, other), _gaps(after, other), strict=True)
-    along, across = (_contact(first, then) for first, then in gaps)
-    ego_changed, other_changed = history.since[0], select_by_index(history.since, other)
+    other, vehicles = partner(world), world.vehicles
+
+    def of_both(values: Array) -> tuple[Array, Array]:
+        return values[0], select_by_index(values, other)
+
+    before = _gaps(world, history.x, history.y)
+    after = _gaps(world, vehicles.x, vehicles.y)
+    along, across = (
+        select_by_index(_contact(first, then), other)
+        for first, then in zip(before, after, strict=True)
+    )
+    ego_changed, other_changed = of_both(history.since)
     ahead = jnp.where(ego_changed <= recent, OWN_LANE_CHANGE, CAR_AHEAD)
     cut_in = (other_changed <= recent) & (other_changed < ego_changed)
     ahead = jnp.where(cut_in, CUT_IN, ahead)
-    apart_x, apart_y = (_of(before, other, name) - _of(before, 0, name) for name in ("x", "y"))
-    rear_end = jnp.where(apart_x > 0, ahead, HIT_FROM_BEHIND)
-    # Positive where a vehicle moves towards the other one.
-    mine = jnp.sign(apart_y) * _sideways(before, after, jnp.int32(0))
-    theirs = -jnp.sign(apart_y) * _sideways(before, after, other)
+    (x, other_x), (y, other_y) = of_both(history.x), of_both(history.y)
+    rear_end = jnp.where(other_x > x, ahead, HIT_FROM_BEHIND)
+    # How far each moved towards the other one.
+    moved, other_moved = of_both(vehicles.y - history.y)
+    mine, theirs = jnp.sign(other_y - y) * moved, jnp.sign(y - other_y) * other_moved
     return jnp.where(across > along, jnp.where(mine >= theirs, SIDE_SWIPE, SIDE_SWIPED), rear_end)
 
 
-def _gaps(world: World, other: Array) -> tuple[Array, Array]:
-    """Distances between the ego's rectangle and others', along and across the road, m; [Q].
+def _gaps(world: World, x: Array, y: Array) -> tuple[Array, Array]:
+    """Distances between the ego's rectangle and each other's, along and across the road, m; [N].
 
     Negative where they overlap. Headings are small, so rectangles count as lying along the road.
     """
-    vehicles, drivers = world.vehicles, world.drivers
-    length, width = ((of + of[0]) / 2.0 for of in (drivers.length, drivers.width))
-    along = jnp.abs(vehicles.x - vehicles.x[0]) - length
-    across = jnp.abs(vehicles.y - vehicles.y[0]) - width
-    return select_by_index(along, other), select_by_index(across, other)
+    length, width = ((of + of[0]) / 2.0 for of in (world.drivers.length, world.drivers.width))
+    return jnp.abs(x - x[0]) - length, jnp.abs(y - y[0]) - width
 
 
 def _contact(before: Array, after: Array) -> Array:
@@ -110,12 +118,3 @@ def _contact(before: Array, after: Array) -> Array:
     """
     closing = jnp.maximum(before - after, 0.0)
     return jnp.where(before <= 0, 0.0, jnp.where(closing > 0, before / closing, jnp.inf))
-
-
-def _sideways(before: World, after: World, vehicle: Array) -> Array:
-    """How far a vehicle moved to the right, m; []."""
-    return _of(after, vehicle, "y") - _of(before, vehicle, "y")
-
-
-def _of(world: World, vehicle: Array | int, name: str) -> Array:
-    return select_by_index(getattr(world.vehicles, name), jnp.asarray(vehicle))

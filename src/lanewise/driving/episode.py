@@ -6,8 +6,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from lanewise.driving import accident_kinds, accidents, actions
-from lanewise.driving.accident_kinds import LaneHistory
+from lanewise.driving import accidents, actions
 from lanewise.driving.settings import DrivingSettings
 from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions
 from lanewise.world import bicycle, tick
@@ -24,8 +23,6 @@ class Outcome:
     """[] external reward, eq. (6)."""
     accident: Array
     """int32 [] accident code, see `accidents`."""
-    accident_kind: Array
-    """int32 [] what kind of accident it is, see `accident_kinds`."""
     terminated: Array
     """bool [] an accident ended the episode."""
     truncated: Array
@@ -78,8 +75,6 @@ class Episode:
     """The road and everyone on it."""
     start_x: Array
     """[] the ego's x at the start, m."""
-    lanes: LaneHistory
-    """When each vehicle last changed lane."""
     stats: EpisodeStats
     """What has been counted so far."""
 
@@ -99,9 +94,9 @@ def begin(world: World) -> Episode:
         timestep_reward=zero,
         speed_sum=zero,
         distance=zero,
-        outcome=Outcome(zero, accident=none, accident_kind=none, terminated=no, truncated=no),
+        outcome=Outcome(reward=zero, accident=none, terminated=no, truncated=no),
     )
-    return Episode(world, world.vehicles.x[0], accident_kinds.begin(world), stats)
+    return Episode(world=world, start_x=world.vehicles.x[0], stats=stats)
 
 
 def step(
@@ -139,16 +134,12 @@ def evaluate_step(
     steering = jnp.where(by_rules, from_slip_sine(world.vehicles.slip_sine[0]), steering)
     stats = before.stats
     decisions = stats.decisions + 1
-    lanes = accident_kinds.follow(before.lanes, world)
     accident = accidents.ego_accident(world, settings.stopped_speed)
     terminated = accident != accidents.NONE
     reward = task.reward(settings.reward, world, steering, terminated)
     outcome = Outcome(
         reward=jnp.asarray(reward, stats.reward.dtype),
         accident=accident,
-        accident_kind=accident_kinds.kind(
-            accident, before.world, world, lanes, settings.decision_duration
-        ),
         terminated=terminated,
         truncated=(decisions >= duration) & ~terminated,
     )
@@ -163,7 +154,7 @@ def evaluate_step(
         distance=world.vehicles.x[0] - before.start_x,
         outcome=outcome,
     )
-    return Episode(world, before.start_x, lanes, after)
+    return Episode(world=world, start_x=before.start_x, stats=after)
 
 
 def _ends_timestep(settings: DrivingSettings, decisions: Array) -> Array:

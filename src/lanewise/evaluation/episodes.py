@@ -110,7 +110,7 @@ class Recording:
     accident: int
     """Index into `ACCIDENTS`."""
     accident_kind: int = 0
-    """Index into `ACCIDENT_KINDS`; 0 too in recordings stored before kinds were told."""
+    """Index into `ACCIDENT_KINDS`; 0 too where nobody has told it."""
 
     @property
     def ending(self) -> str:

@@ -16,7 +16,8 @@ from jax import Array
 
 from lanewise.controllers import controller as controllers
 from lanewise.controllers.controller import Controller, Memory, Parameters, Trace
-from lanewise.driving import actions, episode, percept
+from lanewise.driving import accident_kinds, actions, episode, percept
+from lanewise.driving.accident_kinds import History
 from lanewise.driving.episode import Episode, EpisodeStats
 from lanewise.driving.percept import Percept
 from lanewise.driving.settings import DrivingSettings
@@ -62,6 +63,8 @@ class Drive:
     """The controller's."""
     finite: Array
     """bool [] whether every observation so far was finite."""
+    history: History
+    """What tells the kind of an accident."""
 
 
 @jax.tree_util.register_dataclass
@@ -70,6 +73,8 @@ class Result:
     """What is counted of a drive; [E] for a set of them."""
 
     stats: EpisodeStats
+    accident_kind: Array
+    """int32, see `lanewise.driving.accident_kinds`."""
     goals: Array
     """int32 goals that ended."""
     goals_timed_out: Array
@@ -117,7 +122,7 @@ def as_episodes(driving: DrivingSettings, blocks: Sequence[Result], count: int) 
     return Episodes(
         success=(escape > 0) & (accident == 0),
         accident=accident,
-        accident_kind=np.asarray(stats.outcome.accident_kind, np.int8),
+        accident_kind=np.asarray(result.accident_kind, np.int8),
         accumulated_reward=np.asarray(stats.timestep_reward, np.float64),
         average_speed=np.asarray(stats.speed_sum, np.float64) / decisions,
         travel_distance=np.asarray(stats.distance, np.float64),
@@ -202,6 +207,12 @@ def result(config: EvaluationConfig, drive: Drive) -> Result:
     none = jnp.zeros_like(drive.episode.stats.decisions)
     return Result(
         stats=drive.episode.stats,
+        accident_kind=accident_kinds.kind(
+            drive.episode.outcome.accident,
+            drive.episode.world,
+            drive.history,
+            config.driving.decision_duration,
+        ),
         goals=none if goal is None else goal.ended,
         goals_timed_out=none if goal is None else goal.timed_out,
         finite=drive.finite,
@@ -213,7 +224,8 @@ def begin(config: EvaluationConfig, world: World) -> Drive:
     begun = episode.begin(world)
     seen = _observe(config, begun)
     memory = config.controller.start(_privileged(seen, begun))
-    return Drive(begun, seen, memory, jnp.isfinite(seen.features).all())
+    finite = jnp.isfinite(seen.features).all()
+    return Drive(begun, seen, memory, finite, accident_kinds.begin(world))
 
 
 def act(
@@ -249,7 +261,8 @@ def _next(config: EvaluationConfig, drive: Drive, memory: Memory, after: Episode
     """The drive after a decision; one that was over stays as it is."""
     seen = _observe(config, after)
     finite = drive.finite & jnp.isfinite(seen.features).all()
-    new, over = Drive(after, seen, memory, finite), drive.episode.outcome.over
+    history = accident_kinds.follow(drive.history, drive.episode.world, after.world)
+    new, over = Drive(after, seen, memory, finite, history), drive.episode.outcome.over
     kept: Drive = jax.tree.map(lambda old, new: jnp.where(over, old, new), drive, new)
     return kept
 

@@ -5,7 +5,7 @@ what `lanewise.evaluation.evaluator` counts.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Protocol
 
@@ -21,7 +21,7 @@ from lanewise.driving.episode import Episode
 from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation import evaluator
 from lanewise.evaluation.episodes import Episodes, Recording
-from lanewise.evaluation.evaluator import Drive, EvaluationConfig
+from lanewise.evaluation.evaluator import Drive, EvaluationConfig, Result
 from lanewise.evaluation.external_policy import Decide
 from lanewise.scenario import trap
 from lanewise.system import pinned
@@ -103,7 +103,7 @@ def evaluate(
     for first in range(0, count, simulator.size):
         wanted = first + np.arange(simulator.size) < count
         *_, last = _drive(config, policy, simulator, seed, first, wanted)
-        blocks.append(jax.device_get(evaluator.result(config, last)))
+        blocks.append(jax.device_get(_results(evaluator.of_any_start(config), last)))
         done(min(count, first + simulator.size))
     return evaluator.as_episodes(config.driving, blocks, count)
 
@@ -123,7 +123,10 @@ def record(
     ]
     stacked: Any = jax.tree.map(lambda *leaf: np.stack(leaf), *frames)
     goals = config.controller.goal(stacked.memory)
-    return recording(config.controller.name, config.driving, stacked.episode, goals)
+    found = recording(config.controller.name, config.driving, stacked.episode, goals)
+    last = jax.tree.map(lambda leaf: leaf[None], frames[-1])
+    (kind,) = _results(evaluator.of_any_start(config), last).accident_kind
+    return replace(found, accident_kind=int(kind))
 
 
 def _drive(
@@ -176,6 +179,11 @@ def _step(config: EvaluationConfig, drive: Drive, memory: Memory, action: Array)
     return jax.vmap(partial(evaluator.step, config))(drive, memory, action)
 
 
+@pinned.jit(static_argnums=0)
+def _results(config: EvaluationConfig, drives: Drive) -> Result:
+    return jax.vmap(partial(evaluator.result, config))(drives)
+
+
 def recording(
     controller: str, driving: DrivingSettings, states: Episode, goals: GoalMemory | None
 ) -> Recording:
@@ -210,5 +218,4 @@ def recording(
         accumulated_reward=np.asarray(stats.timestep_reward, np.float64),
         escaped=np.asarray(stats.escaped, np.bool_),
         accident=int(stats.outcome.accident[-1]),
-        accident_kind=int(stats.outcome.accident_kind[-1]),
     )
