@@ -1,9 +1,9 @@
 """What kind of accident happened: who ran into whom, and after whose change of lane.
 
-`accidents` says that an accident happened and what ends an episode. Here a collision is told by
-where everybody was before and after the decision in which it happened, and by when vehicles last
-changed lane. Two rectangles meet once they overlap along the road and across it: the one of the two
-that came last tells a rear-end collision from a side-swipe.
+`accidents` ends an episode. This module classifies the accident afterwards. It compares where the
+vehicles were before and after the decision in which a collision happened, and it knows when they
+last changed lane. Two rectangles collide once they overlap both along the road and across it. If
+the overlap across the road came last, it is a side-swipe; otherwise it is a rear-end collision.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """What a driver observes lane by lane: relative features alone, in NumPy or in JAX.
 
 Every function takes the array namespace, `numpy` or `jax.numpy`, as ``xp``. So the same lines
-observe in training and in an exported policy, which has this file beside it and nothing else.
+observe in training and beside an exported policy, which needs a copy of this file alone.
 A vehicle is on each lane it reaches into, |lateral offset| <= width / 2 + 1 m, as highway-env's
 ``Road.neighbour_vehicles`` counts. Distances along the road are from bumper to bumper.
 """
@@ -21,7 +21,7 @@ SIDES = (("left", -1), ("own", 0), ("right", 1))
 
 
 class Feature(NamedTuple):
-    """A feature, for people: divided by ``divisor`` and clipped to plus and minus `LIMIT`."""
+    """Describes one feature. Its value is divided by ``divisor`` and clipped to +-`LIMIT`."""
 
     name: str
     unit: str

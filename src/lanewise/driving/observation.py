@@ -2,7 +2,7 @@
 
 The paper's are highway-env's ``Kinematics`` plus the ego's lane offset, in this order: ego
 [presence, x, y, vx, vy], lane offset, then for each of the four vehicles nearest along the road
-[presence, x, y, vx, vy] relative to the ego (zeros where there is none).
+[presence, x, y, vx, vy] relative to the ego (zeros for missing vehicles).
 """
 
 import jax.numpy as jnp

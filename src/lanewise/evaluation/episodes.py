@@ -11,7 +11,7 @@ ACCIDENTS = ("none", "collision", "off_road", "stopped")
 ACCIDENT_KINDS = {
     "none": "no accident",
     "car_ahead": "ran into the car ahead",
-    "own_lane_change": "ran into it after a lane change",
+    "own_lane_change": "hit the car ahead after a lane change",
     "cut_in": "ran into a car that cut in",
     "side_swipe": "side-swiped a car",
     "side_swiped": "was side-swiped",

@@ -40,7 +40,7 @@ class Metric:
     """Is it a share, stored as a fraction of 1 and shown in percent?"""
 
     def compute(self, episodes: Episodes) -> tuple[float, Interval]:
-        """Value and 95 % interval of a set of episodes; NaN where there is none."""
+        """Value and 95 % interval of a set of episodes; NaN if no episode counts."""
         values = self.outcomes(episodes)
         if self.denominators is not None:
             return _ratio(values, self.denominators(episodes), share=self.rate)

@@ -252,7 +252,7 @@ def begin(config: ReachabilityConfig, start: Start) -> World:
     traffic = replace(config.scenario.traffic, vehicles_ahead=0, vehicles_behind=0)
     scenario = replace(config.scenario, traffic=traffic)
     alone = replace(start, vehicles_ahead=0, vehicles_behind=0)
-    # Only traffic is drawn, and there is none: any key will do.
+    # The key draws traffic alone, and this start has no traffic.
     world = trap.place(scenario, alone, pinned.key(0), scenario.lanes)
     grown = 2.0 * config.clearance * jnp.asarray([0.0, 1.0, 1.0])
     drivers = world.drivers

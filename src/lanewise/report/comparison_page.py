@@ -31,8 +31,8 @@ PAIRED_NOTE = (
 SEEDS_NOTE = (
     "Interquartile mean: a quarter of the seeds left out at either end, rounded down.",
     "P(better): a new seed of this arm beats one of the other; a tie counts one half.",
-    "Their 95 % intervals are stratified bootstrap intervals over seeds; without",
-    "spread there is none. They are too narrow for few seeds: for the interquartile",
+    "Their 95 % intervals are stratified bootstrap intervals over seeds. Equal seeds",
+    "have no interval. They are too narrow for few seeds: for the interquartile",
     "mean 91 of 100 hold with 5 seeds, 76 with 3, 50 with 2; for P near 0 or 1 fewer.",
 )
 """As measured in `tests/evaluation/test_aggregates.py`."""

@@ -57,7 +57,7 @@ def parse_json(data: bytes) -> Any:
 def read_document(
     path: Path, name: str, version: int, largest: int, field: str = "digest"
 ) -> dict[str, Any]:
-    """Read a JSON document of ours, which carries its own `digest` in a field.
+    """Read a JSON document that Lanewise wrote; one of its fields holds its `digest`.
 
     Raises:
         UnreadableError: it cannot be read, has another format or version, or was altered.
