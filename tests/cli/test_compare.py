@@ -172,6 +172,8 @@ def test_all_drive_the_scenario_of_one(runs, capsys):
     assert chosen["scenario_of"] == "s1"
     assert chosen["runs"][1] == own["runs"][0]
     assert chosen["settings"]["scenario.trap_speed"] == [10.9, 10.0]
+    by_flag = json.loads(compare(capsys, "fast", "s0", "--scenario.trap-speed", "10", "--json"))
+    assert by_flag["runs"] == chosen["runs"]
     assert main(["evaluate", "fast", "--episodes", "5", "--json"]) == 0
     in_its_own = json.loads(capsys.readouterr().out)
     assert in_its_own["travel_distance"] != chosen["runs"][0]["travel_distance"]

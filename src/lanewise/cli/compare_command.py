@@ -72,9 +72,9 @@ def run(parsed: Parsed[Compare]) -> int:
     from lanewise.report import comparison_page as pages
     from lanewise.runs import trained
 
-    for folder, own in zip(folders, settings, strict=True):
+    for path, folder, own in zip(command.runs, folders, settings, strict=True):
         if line := evaluate_trained.trained_on(folder.settings, own):
-            tell(f"{folder.path} was {line}")
+            tell(f"{path} was {line}")
     controllers = [
         dataclasses.replace(trained.load(folder.path), settings=own)
         for folder, own in zip(folders, settings, strict=True)
