@@ -228,7 +228,10 @@ training_trap_speed training_lanes training_front_distance training_side_distanc
 test_front_distance test_side_distance missing_target_speed vehicles_ahead vehicles_behind
 spacing spacing_jitter gap_behind simulation_frequency decision_frequency stopped_speed scaling
 x_range relative_speed_range perception_distance speed_weight steering_weight centring_weight
-accident_penalty validation_episodes validation_interval fresh_episodes
+accident_penalty validation_episodes validation_interval fresh_episodes populations latency noise
+trap_speed_difference trap_speed_wave trap_wave_period training_trap_speed_difference
+training_trap_speed_wave training_traffic_speed training_spacing training_vehicles_ahead
+training_vehicles_behind training_gap_behind training_populations
 """
 """The last words that say by themselves what they are; whoever adds a setting judges its own."""
 

@@ -16,7 +16,7 @@ from lanewise.evaluation.evaluator import EvaluationConfig
 from lanewise.evaluation.grid import Grid
 from lanewise.evaluation.reachability import ReachabilityConfig
 from lanewise.interop.highway_env import build_env, read_world
-from lanewise.scenario.settings import TrapSettings
+from lanewise.scenario.settings import TrafficSettings, TrapSettings
 from lanewise.scenario.trap import Start
 from lanewise.world import bicycle, tick
 
@@ -26,7 +26,14 @@ TEST = EvaluationConfig(COURSE.scenario, DRIVING, RuleBased(), 50)
 
 
 def start(ego, trap, front, side, lanes=3):
-    return Start(lanes, ego, trap, front, side, 25.0, 0, 0)
+    return Start.of(
+        TrapSettings(traffic=TrafficSettings(vehicles_ahead=0)),
+        lanes=lanes,
+        ego_speed=ego,
+        trap_speed=trap,
+        front_distance=front,
+        side_distance=side,
+    )
 
 
 PAPER = start(10.0, 10.0, 15.62, 6.61)

@@ -105,7 +105,7 @@ def test_numbers_fill_their_ranges_each_on_its_own(split, training):
 
 def test_every_number_of_lanes_is_drawn_and_traffic_keeps_to_them(training):
     lanes, present = lanes_of(training), training.road.present
-    assert present.shape[1] == 5 == trap.lanes_max(WIDE, "training")
+    assert present.shape[1] == 5 == trap.of_split(WIDE, "training").lanes
     shares = np.bincount(lanes, minlength=6)[3:] / COUNT
     np.testing.assert_allclose(shares, 1 / 3, atol=0.04)
     assert (present[:, :-1] >= present[:, 1:]).all()
@@ -148,7 +148,7 @@ def test_tests_start_as_set(test):
     assert test.drivers.kind[0].tolist() == [EXTERNAL, CONSTANT, CONSTANT] + [RULE_BASED] * 7
     one = jax.tree.map(lambda leaf: leaf[0], test)
     assert trap.roles(one).tolist() == [0, 1, 1] + [2] * 7
-    assert trap.vehicle_count(WIDE) == 10 == test.vehicles.x.shape[1]
+    assert test.vehicles.x.shape[1] == 10
 
 
 ESCAPED = jax.jit(trap.escaped)
@@ -182,16 +182,16 @@ def test_everybody_is_on_the_road_as_far_as_a_drive_can_go():
     assert (ours.end == FARTHEST).all()
 
 
-NUMBERS = trap.Start(
-    lanes=3, ego_speed=11.0, trap_speed=9.0, front_distance=15.0, side_distance=5.0, spacing=17.0,
-    vehicles_ahead=1, vehicles_behind=2,
-)  # fmt: skip
 BUSY = TrapSettings(lanes=5, traffic=TrafficSettings(vehicles_ahead=1, vehicles_behind=2))
-PLACE = jax.jit(trap.place, static_argnums=(0, 3))
+NUMBERS = trap.Start.of(
+    replace(BUSY, lanes=3), ego_speed=11.0, trap_speed=9.0, front_distance=15.0, side_distance=5.0,
+    spacing=17.0,
+)  # fmt: skip
+PLACE = jax.jit(trap.place, static_argnums=0)
 
 
 def test_given_numbers_are_where_they_belong():
-    world = PLACE(BUSY, replace(NUMBERS, lanes=4), trap.start_key(1, "test", 0), 5)
+    world = PLACE(BUSY, replace(NUMBERS, lanes=4), trap.start_key(1, "test", 0))
     x = np.asarray(world.vehicles.x)
     np.testing.assert_allclose(x[:3], [0.0, 15.0, 5.0])
     assert world.vehicles.speed[:3].tolist() == [11.0, 9.0, 9.0]
@@ -205,15 +205,15 @@ def test_given_numbers_are_where_they_belong():
 
 def test_as_much_traffic_as_the_start_has():
     start = replace(NUMBERS, vehicles_ahead=0, vehicles_behind=1)
-    world = PLACE(BUSY, start, trap.start_key(0, "test", 0), 5)
+    world = PLACE(BUSY, start, trap.start_key(0, "test", 0))
     assert world.vehicles.present.tolist() == [True] * 3 + [False] + [True, False]
 
 
-@partial(jax.jit, static_argnums=(0, 3))
-def drive(settings, start, seed, lanes, chosen):
+@partial(jax.jit, static_argnums=0)
+def drive(settings, start, seed, chosen):
     """Worlds and features along an episode of given actions."""
     key = trap.start_key(seed, "test", 0)
-    state = episode.begin(trap.place(settings, start, key, lanes))
+    state = episode.begin(trap.place(settings, start, key))
 
     def decide(state, action):
         seen = percept.perceive(DRIVING.observation, state.world)
@@ -230,8 +230,8 @@ def test_absent_lanes_change_nothing_to_the_last_bit(seed):
     chosen = np.random.default_rng(seed).integers(0, 9, 50)
     # The speed at which the trap drives lets traffic from behind catch up and change lanes.
     start = replace(NUMBERS, trap_speed=6.0, ego_speed=8.0)
-    padded, along = drive(BUSY, start, seed, 5, chosen)
-    plain, theirs = drive(BUSY, start, seed, 3, chosen)
+    padded, along = drive(BUSY, start, seed, chosen)
+    plain, theirs = drive(replace(BUSY, lanes=3), start, seed, chosen)
     assert padded.road.present.tolist() == [True, True, True, False, False]
     assert plain.road.present.tolist() == [True, True, True]
     assert same(padded.vehicles, plain.vehicles)
@@ -239,3 +239,40 @@ def test_absent_lanes_change_nothing_to_the_last_bit(seed):
     lane = np.asarray(along[0].target_lane)
     assert (lane[0] != lane[-1]).any()
     assert lane.max() == 2
+
+
+ALL = replace(
+    PLAIN,
+    training_trap_speed_difference=(0.0, 2.0),
+    training_traffic_speed=(11.0, 15.0),
+    training_spacing=(15.0, 40.0),
+    training_vehicles_ahead=(0, 6),
+    training_vehicles_behind=(0, 4),
+    training_gap_behind=(20.0, 60.0),
+)
+
+
+def test_traffic_and_the_second_trap_car_fill_their_ranges_in_training_alone():
+    world = jax.device_get(starts(ALL, "training"))
+    vehicles = world.vehicles
+    assert vehicles.x.shape == (COUNT, 3 + 6 + 4)
+    ahead, behind = vehicles.present[:, 3:9].sum(axis=1), vehicles.present[:, 9:].sum(axis=1)
+    for counts, most in ((ahead, 6), (behind, 4)):
+        np.testing.assert_allclose(np.bincount(counts) / COUNT, 1 / (most + 1), atol=0.03)
+    x, speed = vehicles.x, vehicles.speed
+    # The jitter of 5 m is around the mean.
+    drawn = {
+        (0.0, 2.0): speed[:, 2] - speed[:, 1],
+        (11.0, 15.0): speed[:, 3],
+        (15.0, 40.0): np.diff(x[:, 3:9]).mean(axis=1),
+        (20.0, 60.0): -x[:, 9],
+    }
+    for (low, high), values in drawn.items():
+        assert values.mean() == pytest.approx((low + high) / 2, abs=0.02 * (high - low))
+        assert values.min() >= low - 5.0
+        assert values.max() <= high + 5.0
+        assert values.std() == pytest.approx((high - low) / np.sqrt(12), rel=0.15)
+    assert (world.drivers.target_speed[:, 3:] == 12.5).all()
+    test = jax.device_get(starts(ALL, "test"))
+    assert test.vehicles.x.shape == (COUNT, 10)
+    assert (test.vehicles.speed[:, 3:] == 12.5).all()

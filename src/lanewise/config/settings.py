@@ -90,6 +90,9 @@ TRAPS: dict[str, dict[str, object]] = {
 """Scenario presets: what each changes in the defaults."""
 
 
+_OF_TEST = ("evaluation.duration", "driving.latency", "driving.observation.noise")
+
+
 def of_test(name: str) -> bool:
     """Whether a test of a controller may have another value of a setting than its training.
 
@@ -97,4 +100,4 @@ def of_test(name: str) -> bool:
     """
     if name.startswith(("scenario.training_", "scenario.ego_driver")):
         return False
-    return name.startswith("scenario.") or name == "evaluation.duration"
+    return name.startswith("scenario.") or name in _OF_TEST

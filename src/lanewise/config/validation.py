@@ -1,6 +1,6 @@
 """Checks settings against one another; their ranges check each by itself. Imports no JAX."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import pairwise
 from operator import attrgetter
 
@@ -9,18 +9,16 @@ from lanewise.controllers.registry import CONTROLLERS, STAGES
 from lanewise.errors import SettingsError
 from lanewise.fields.ranges import show
 from lanewise.learning.settings import LearnerSettings
-from lanewise.scenario.settings import TrafficSettings, TrapSettings
+from lanewise.scenario.settings import TrapSettings
 from lanewise.training.settings import LevelSettings
 from lanewise.world.settings import CAR_LENGTH, FARTHEST, TOP_SPEED
 
 MOST_LAYERS = 16
 """Hidden layers of a network; compiling one takes time with each."""
-_TRAINING_RANGES = (
-    "training_ego_speed",
-    "training_trap_speed",
-    "training_lanes",
-    "training_front_distance",
-    "training_side_distance",
+_TRAINING_RANGES = tuple(
+    name
+    for name in (field.name for field in fields(TrapSettings))
+    if name.startswith("training_") and name != "training_populations"
 )
 _TOO_COARSE = "farther on, 32-bit places are coarser than 1 cm"
 _REWARDS = ("external_weight", "tracking_weight", "approach_weight", "goal_reward")
@@ -111,7 +109,8 @@ def check_duration(name: str, seconds: float, trap: TrapSettings) -> None:
 
     ``trap`` says where everybody may start.
     """
-    start, fastest = _extent(trap), max(TOP_SPEED, trap.traffic.speed)
+    start = _extent(trap)
+    fastest = max(TOP_SPEED, trap.traffic.speed, *trap.training_traffic_speed)
     reach = start + fastest * seconds
     if reach > FARTHEST:
         raise SettingsError(
@@ -124,14 +123,18 @@ def check_duration(name: str, seconds: float, trap: TrapSettings) -> None:
 def _extent(trap: TrapSettings) -> float:
     """How far from the ego, either way, anybody may stand at the start, m."""
     traffic = trap.traffic
+    spacing = max((traffic.spacing, *trap.training_spacing))
+    gap_behind = max((traffic.gap_behind, *trap.training_gap_behind))
 
-    def row(gap: float, count: int) -> float:
-        return gap + (count - 1) * traffic.spacing + count * traffic.spacing_jitter if count else 0
+    def row(gap: float, *counts: int) -> float:
+        most = max(counts)
+        return gap + (most - 1) * spacing + most * traffic.spacing_jitter if most else 0
 
     fronts = (trap.test_front_distance, *trap.training_front_distance)
     sides = (trap.test_side_distance, *trap.training_side_distance)
-    ahead = max(*fronts, *sides) + row(traffic.first_gap, traffic.vehicles_ahead)
-    return max(ahead, row(traffic.gap_behind, traffic.vehicles_behind), -min(sides))
+    ahead = row(traffic.first_gap, traffic.vehicles_ahead, *trap.training_vehicles_ahead)
+    behind = row(gap_behind, traffic.vehicles_behind, *trap.training_vehicles_behind)
+    return max(max(*fronts, *sides) + ahead, behind, -min(sides))
 
 
 def _check_scenario(trap: TrapSettings) -> None:
@@ -143,39 +146,58 @@ def _check_scenario(trap: TrapSettings) -> None:
             )
     _apart("scenario.training_front_distance", trap.training_front_distance[0])
     _apart("scenario.test_front_distance", trap.test_front_distance)
-    _check_traffic(trap.traffic)
-    if trap.traffic.vehicles_behind:
-        _check_not_behind(trap)
-
-
-def _check_traffic(traffic: TrafficSettings) -> None:
-    """Every gap varies by the jitter, the first ones too."""
-    gaps = {
-        "spacing": traffic.vehicles_ahead + traffic.vehicles_behind > 1,
-        "first_gap": traffic.vehicles_ahead > 0,
-        "gap_behind": traffic.vehicles_behind > 0,
-    }
-    for name, used in gaps.items():
-        if used:
-            least = getattr(traffic, name) - traffic.spacing_jitter
-            _apart(f"scenario.traffic.{name} minus scenario.traffic.spacing_jitter", least)
-
-
-def _check_not_behind(trap: TrapSettings) -> None:
-    """Traffic behind the ego is in any lane, also in that of the trap car beside it."""
-    traffic = trap.traffic
-    limit = CAR_LENGTH - (traffic.gap_behind - traffic.spacing_jitter)
-    sides = {
-        "test_side_distance": trap.test_side_distance,
-        "training_side_distance": trap.training_side_distance[0],
-    }
-    for name, side in sides.items():
-        if side <= limit:
+    for prefix in ("", "training_"):
+        _check_traffic(trap, prefix)
+    slowest = {"trap_speed": trap.trap_speed, "training_trap_speed": trap.trap_speed}
+    if trap.training_trap_speed:
+        slowest["training_trap_speed"] = trap.training_trap_speed[0]
+    for name, speed in slowest.items():
+        waves = name.replace("speed", "speed_wave")
+        if _most(trap, waves, trap.trap_speed_wave) >= speed:
             raise SettingsError(
-                f"scenario.{name} must be more than {show(limit)} m, or the trap car stands among "
-                "the traffic behind: scenario.traffic.gap_behind less "
-                f"scenario.traffic.spacing_jitter and a car length; got {show(side)}"
+                f"scenario.{waves} must be less than scenario.{name} ({show(speed)}), or trap "
+                "cars drive backwards"
             )
+
+
+def _most(trap: TrapSettings, name: str, fixed: float) -> float:
+    """The largest value of a range, or what stands in its place where there is none."""
+    value = getattr(trap, name)
+    return max(value, default=fixed) if isinstance(value, tuple) else value
+
+
+def _check_traffic(trap: TrapSettings, prefix: str) -> None:
+    """Refuses vehicles that overlap in a test, or by their ranges in training, by their names.
+
+    Every gap varies by the jitter, the first ones too.
+    """
+    traffic = trap.traffic
+
+    def of(name: str) -> tuple[str, tuple[float, ...]]:
+        """(the setting that counts, its values)."""
+        between = getattr(trap, f"{prefix}{name}") if prefix and name != "first_gap" else ()
+        if between:
+            return f"scenario.{prefix}{name}", between
+        return f"scenario.traffic.{name}", (getattr(traffic, name),)
+
+    ahead, behind = (max(of(name)[1]) for name in ("vehicles_ahead", "vehicles_behind"))
+    used = {"spacing": ahead + behind > 1, "first_gap": ahead > 0, "gap_behind": behind > 0}
+    for name in (name for name in used if used[name]):
+        setting, values = of(name)
+        least = min(values) - traffic.spacing_jitter
+        _apart(f"{setting} minus scenario.traffic.spacing_jitter", least)
+    if not behind:
+        return
+    # Traffic behind the ego is in any lane, also in that of the trap car beside it.
+    setting, values = of("gap_behind")
+    limit = CAR_LENGTH - (min(values) - traffic.spacing_jitter)
+    side = trap.training_side_distance[0] if prefix else trap.test_side_distance
+    if side <= limit:
+        raise SettingsError(
+            f"scenario.{prefix or 'test_'}side_distance must be more than {show(limit)} m, or the "
+            f"trap car stands among the traffic behind: {setting} less "
+            f"scenario.traffic.spacing_jitter and a car length; got {show(side)}"
+        )
 
 
 def _apart(name: str, distance: float) -> None:
@@ -189,6 +211,12 @@ def _apart(name: str, distance: float) -> None:
 
 def _check_driving(settings: Settings) -> None:
     _below(settings, "driving.decision_frequency", "driving.simulation_frequency")
+    driving = settings.driving
+    if driving.latency_ticks >= driving.ticks_per_decision:
+        raise SettingsError(
+            f"driving.latency must be less than a decision ({show(driving.decision_duration)} s), "
+            f"got {show(driving.latency)}"
+        )
     _below(settings, "goals.lowest_speed", "goals.highest_speed")
     why = "or goals in the next lane are reached in this one"
     _below(settings, "goals.lateral_tolerance", "scenario.lane_width", why)

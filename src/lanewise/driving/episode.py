@@ -9,7 +9,7 @@ from jax import Array
 from lanewise.driving import accidents, actions
 from lanewise.driving.settings import DrivingSettings
 from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions
-from lanewise.world import bicycle, tick
+from lanewise.world import bicycle, tick, waves
 from lanewise.world.state import RULE_BASED, World
 from lanewise.world.steering import from_slip_sine
 
@@ -112,8 +112,12 @@ def step(
     """
     dtype = episode.world.vehicles.x.dtype
     acceleration, steering = actions.commands(settings.actions, action, dtype)
-    world = bicycle.command(episode.world, acceleration, steering)
-    world = tick.run(world, settings.tick_duration, settings.ticks_per_decision)
+    lasts, late = settings.decision_duration, settings.latency_ticks
+    world = waves.follow(episode.world, episode.stats.decisions * lasts, lasts)
+    if late:
+        world = tick.run(world, settings.tick_duration, late)
+    world = bicycle.command(world, acceleration, steering)
+    world = tick.run(world, settings.tick_duration, settings.ticks_per_decision - late)
     return evaluate_step(settings, episode, world, steering, duration, task)
 
 

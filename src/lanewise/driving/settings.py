@@ -44,6 +44,8 @@ class ObservationSettings:
     """Relative speed that reads as 1 in the fine scaling."""
     perception_distance: Annotated[float, Between(1.0, 1000.0, "m")] = 200.0
     """Vehicles farther than this are not observed."""
+    noise: Annotated[float, Between(0.0, 10.0)] = 0.0
+    """Standard deviation of the normal error of every feature, as scaled, in every decision."""
 
     @property
     def size(self) -> int:
@@ -81,6 +83,8 @@ class DrivingSettings:
     decision_frequency: Annotated[int, Between(1, 50, "Hz")] = 2
     """Low-level decisions a second. A decision lasts floor(simulation/decision) ticks, so there
     may be more."""
+    latency: Annotated[float, Between(0.0, 10.0, "s")] = 0.0
+    """Time from a decision until it takes effect, to the nearest tick; less than a decision."""
     stopped_speed: Annotated[float, Between(0.0, 10.0, "m/s")] = 0.1
     """Slower than this counts as having come to a stop, an accident."""
     actions: ActionSettings = field(default_factory=ActionSettings)
@@ -94,6 +98,11 @@ class DrivingSettings:
     def ticks_per_decision(self) -> int:
         """Ticks in a decision, as highway-env counts them."""
         return self.simulation_frequency // self.decision_frequency
+
+    @property
+    def latency_ticks(self) -> int:
+        """Ticks until a decision takes effect."""
+        return round(self.latency * self.simulation_frequency)
 
     @property
     def tick_duration(self) -> float:

@@ -33,7 +33,7 @@ def config(test: EvaluationConfig, grid: Grid) -> EvaluationConfig:
 
 def start_of(scenario: TrapSettings, point: Point) -> Start:
     """A point's numbers; the traffic ahead is the scenario's."""
-    return Start(vehicles_ahead=scenario.traffic.vehicles_ahead, **point._asdict())
+    return Start.of(scenario, **point._asdict())
 
 
 def reach(
@@ -127,7 +127,7 @@ def _place(test: EvaluationConfig, seed: Array, first: Array, starts: Start) -> 
 
     def one(index: Array, start: Start) -> World:
         key = trap.start_key(seed, "test", index)
-        return trap.place(test.scenario, start, key, test.scenario.lanes)
+        return trap.place(test.scenario, start, key)
 
     return jax.vmap(one)(first + jnp.arange(evaluator.BLOCK), starts)
 

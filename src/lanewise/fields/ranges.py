@@ -148,6 +148,8 @@ class FieldType:
         if self.length is None:
             return self._noun
         plural = {int: "whole numbers", float: "numbers", Path: "paths"}.get(self.type, "values")
+        if isinstance(self.bound, OneOf):
+            plural = f"of {', '.join(self.bound.names)}"
         several = f"{self.length} {plural}" if self.length else f"one or more {plural}"
         return f"{several} or none" if self.optional else several
 

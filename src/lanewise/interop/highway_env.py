@@ -133,7 +133,11 @@ def read_world(env: Any) -> World:
 
 def _row(part: Any, index: int) -> SimpleNamespace:
     """One vehicle's or lane's values as plain Python numbers."""
-    values = {name: np.asarray(values)[index].item() for name, values in vars(part).items()}
+    values = {
+        name: np.asarray(values)[index].item()
+        for name, values in vars(part).items()
+        if values is not None
+    }
     return SimpleNamespace(**values)
 
 
@@ -219,10 +223,12 @@ def build_env(
         render_mode: as of Gymnasium.
 
     Raises:
-        SettingsError: nobody could be driven, lanes are missing in between, a limit of the slip
-            angle is not below 1, or a decision would last 0 ticks.
+        SettingsError: speeds swing, nobody could be driven, lanes are missing in between, a limit
+            of the slip angle is not below 1, or a decision would last 0 ticks.
     """
     known.check_rates(simulation_frequency, decision_frequency)
+    if world.drivers.waves is not None:
+        raise SettingsError("highway-env has no drivers whose speed swings (waves)")
     indices = _present(world.vehicles)
     kinds = np.asarray(world.drivers.kind)[indices]
     driven = np.flatnonzero(kinds == EXTERNAL).tolist()

@@ -64,8 +64,11 @@ def live(driving: DrivingSettings, world: World, duration: int) -> Any:
     """highway-env at the start of an episode of so many decisions.
 
     Raises:
-        SettingsError: others than vehicle 0 are driven from outside too.
+        SettingsError: decisions have a latency, speeds swing, or others than vehicle 0 are driven
+            from outside too.
     """
+    if driving.latency_ticks:
+        raise SettingsError("driving.latency: in highway-env decisions take effect at once")
     env = highway_env.build_env(
         world,
         simulation_frequency=driving.simulation_frequency,

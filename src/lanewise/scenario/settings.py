@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from lanewise.fields.ranges import Between, OneOf, OrNone
+from lanewise.scenario.populations import POPULATIONS
 from lanewise.world.settings import PAPER_DRIVER, DriverSettings
 
 Metres = Between(0.0, 1000.0, "m")
@@ -13,13 +14,16 @@ EgoSpeed = Between(1.0, 40.0, "m/s")
 TrapSpeed = Between(0.5, 40.0, "m/s")
 FrontDistance = Between(5.0, 200.0, "m")
 SideDistance = Between(-200.0, 200.0, "m")
+Vehicles = Between(0, 100)
+Difference = Between(0.0, 20.0, "m/s")
+Populations = OneOf(tuple(POPULATIONS))
 
 
 @dataclass(frozen=True)
 class TrafficSettings:
     """Ordinary traffic around the trap."""
 
-    vehicles_ahead: Annotated[int, Between(0, 100)] = 9
+    vehicles_ahead: Annotated[int, Vehicles] = 9
     """Vehicles ahead of the trap, in lanes at random."""
     first_gap: Annotated[float, Metres] = 45.0
     """From the front trap car to the first vehicle ahead, centre to centre."""
@@ -27,7 +31,7 @@ class TrafficSettings:
     """Mean distance from one vehicle to the next along the road, centre to centre."""
     spacing_jitter: Annotated[float, Metres] = 5.0
     """Each distance varies uniformly by plus or minus this."""
-    vehicles_behind: Annotated[int, Between(0, 100)] = 0
+    vehicles_behind: Annotated[int, Vehicles] = 0
     """Vehicles behind the ego; the paper's "further upstream" may mean these (row 9)."""
     gap_behind: Annotated[float, Metres] = 45.0
     """From the ego to the first vehicle behind, centre to centre."""
@@ -35,6 +39,9 @@ class TrafficSettings:
     """Initial speed of every traffic vehicle."""
     driver: DriverSettings = field(default_factory=lambda: PAPER_DRIVER)
     """How traffic drives."""
+    populations: Annotated[tuple[str, ...], Populations, OrNone(0)] = ()
+    """Whose drivers the traffic consists of, one for each vehicle, all equally likely
+    (docs/populations.md); empty: everybody drives as `driver`."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +65,12 @@ class TrapSettings:
     """The ego's speed at the start."""
     trap_speed: Annotated[float, TrapSpeed] = 10.0
     """Speed of both trap cars, all episode long."""
+    trap_speed_difference: Annotated[float, Difference] = 0.0
+    """How much faster the trap car on the right is than the one ahead."""
+    trap_speed_wave: Annotated[float, Difference] = 0.0
+    """How far the speed of the trap cars swings both ways, each at its own time."""
+    trap_wave_period: Annotated[float, Between(1.0, 1000.0, "s")] = 20.0
+    """Of one swing."""
     training_ego_speed: Annotated[tuple[float, ...], EgoSpeed, OrNone(2)] = ()
     """The ego's speed in training and validation: uniform between the two; empty: as in tests."""
     training_trap_speed: Annotated[tuple[float, ...], TrapSpeed, OrNone(2)] = ()
@@ -75,6 +88,23 @@ class TrapSettings:
         7.43,
     )
     """D2 in training and validation: uniform between the two."""
+    training_trap_speed_difference: Annotated[tuple[float, ...], Difference, OrNone(2)] = ()
+    """The difference of the trap cars' speeds in training and validation; empty: as in tests."""
+    training_trap_speed_wave: Annotated[tuple[float, ...], Difference, OrNone(2)] = ()
+    """The swing of the trap cars' speeds in training and validation; empty: as in tests."""
+    training_traffic_speed: Annotated[tuple[float, ...], MetresPerSecond, OrNone(2)] = ()
+    """Speed of the traffic in training and validation, at the start, from which populations take
+    their desired speeds; empty: as in tests."""
+    training_spacing: Annotated[tuple[float, ...], Metres, OrNone(2)] = ()
+    """Mean distance of the traffic in training and validation; empty: as in tests."""
+    training_vehicles_ahead: Annotated[tuple[int, ...], Vehicles, OrNone(2)] = ()
+    """Vehicles ahead of the trap in training and validation; empty: as in tests."""
+    training_vehicles_behind: Annotated[tuple[int, ...], Vehicles, OrNone(2)] = ()
+    """Vehicles behind the ego in training and validation; empty: as in tests."""
+    training_gap_behind: Annotated[tuple[float, ...], Metres, OrNone(2)] = ()
+    """From the ego to the first vehicle behind in training and validation; empty: as in tests."""
+    training_populations: Annotated[tuple[str, ...], Populations, OrNone(0)] = ()
+    """Whose drivers the traffic consists of in training and validation; empty: as in tests."""
     test_front_distance: Annotated[float, FrontDistance] = 15.62
     """D1 in tests."""
     test_side_distance: Annotated[float, SideDistance] = 6.61

@@ -6,6 +6,7 @@ it is the same start in every world, batch and process.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,11 +15,11 @@ from jax import Array
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
+from lanewise.scenario import drivers
 from lanewise.scenario.settings import TrapSettings
 from lanewise.system import pinned
-from lanewise.world import build, road
-from lanewise.world.settings import DriverSettings
-from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, World, select_by_index
+from lanewise.world import build, road, waves
+from lanewise.world.state import CONSTANT, RULE_BASED, Drivers, World, select_by_index
 
 SPLITS = ("training", "validation", "test")
 """Where a start comes from; each split draws from its own key stream."""
@@ -27,13 +28,19 @@ TRAP_CARS = (1, 2)
 
 # A start's key is split in three, for D1 and D2, the traffic's lanes and its gaps. Splitting counts
 # from 0, and so does folding in, so that numbers drawn since then fold in what comes after.
-_EGO_STREAM, _TRAP_STREAM, _LANES_STREAM = 3, 4, 5
-
-
-def vehicle_count(settings: TrapSettings) -> int:
-    """Number of vehicles, the ego included."""
-    traffic = settings.traffic
-    return 3 + traffic.vehicles_ahead + traffic.vehicles_behind
+_STREAMS = {
+    "ego_speed": 3,
+    "trap_speed": 4,
+    "lanes": 5,
+    "trap_speed_difference": 6,
+    "trap_speed_wave": 7,
+    "traffic_speed": 8,
+    "spacing": 9,
+    "vehicles_ahead": 10,
+    "vehicles_behind": 11,
+    "gap_behind": 12,
+}
+_TRAP_STREAM, _TRAFFIC_STREAM = 20, 21
 
 
 def trap_cars(world: World) -> Array:
@@ -70,7 +77,7 @@ class Start:
     ego_speed: ArrayLike
     """m/s."""
     trap_speed: ArrayLike
-    """m/s, of both trap cars."""
+    """m/s, of both trap cars; of the first where they differ."""
     front_distance: ArrayLike
     """D1, from the ego to trap car 1, centre to centre, m."""
     side_distance: ArrayLike
@@ -81,59 +88,87 @@ class Start:
     """Traffic vehicles beyond the trap, at most as many as the settings have."""
     vehicles_behind: int | Array
     """Traffic vehicles behind the ego, at most as many as the settings have."""
+    trap_speed_difference: ArrayLike
+    """How much faster trap car 2 is, m/s."""
+    trap_speed_wave: ArrayLike
+    """How far the trap cars' speeds swing, m/s; 0 where the settings have no waves."""
+    traffic_speed: ArrayLike
+    """Of the traffic at the start, m/s."""
+    gap_behind: ArrayLike
+    """From the ego to the first vehicle behind, m."""
+
+    @classmethod
+    def of(cls, settings: TrapSettings, **others: Any) -> "Start":
+        """The numbers of the settings' test starts, but for some."""
+        traffic = settings.traffic
+        numbers = {
+            "lanes": settings.lanes,
+            "ego_speed": settings.ego_speed,
+            "trap_speed": settings.trap_speed,
+            "front_distance": settings.test_front_distance,
+            "side_distance": settings.test_side_distance,
+            "spacing": traffic.spacing,
+            "vehicles_ahead": traffic.vehicles_ahead,
+            "vehicles_behind": traffic.vehicles_behind,
+            "trap_speed_difference": settings.trap_speed_difference,
+            "trap_speed_wave": settings.trap_speed_wave,
+            "traffic_speed": traffic.speed,
+            "gap_behind": traffic.gap_behind,
+        }
+        return cls(**numbers | others)
 
 
 def sample(settings: TrapSettings, key: Array, split: str) -> World:
     """A start: where everyone stands, float32.
 
     The traffic is drawn in all splits. In the training and validation splits D1 and D2 are drawn
-    from their ranges, and the speeds and the number of lanes where they have one; in the test split
-    all of these are fixed.
+    from their ranges, and whatever else has one; in the test split all of these are fixed.
     """
-    return place(settings, draw(settings, key, split), key, lanes_max(settings, split))
+    return place(of_split(settings, split), draw(settings, key, split), key)
 
 
-def lanes_max(settings: TrapSettings, split: str) -> int:
-    """Static number of lanes of a split's worlds; the lanes a start lacks are absent ones."""
-    if split == "test" or not settings.training_lanes:
-        return settings.lanes
-    return settings.training_lanes[1]
+def of_split(settings: TrapSettings, split: str) -> TrapSettings:
+    """The settings with the most of everything that a split's starts have, and its populations.
+
+    Lanes and vehicles that a start lacks are absent ones.
+    """
+    if split == "test":
+        return settings
+
+    def most(name: str, value: Any) -> Any:
+        return max(getattr(settings, f"training_{name}"), default=value)
+
+    traffic = replace(
+        settings.traffic,
+        vehicles_ahead=most("vehicles_ahead", settings.traffic.vehicles_ahead),
+        vehicles_behind=most("vehicles_behind", settings.traffic.vehicles_behind),
+        populations=settings.training_populations or settings.traffic.populations,
+    )
+    return replace(
+        settings,
+        lanes=most("lanes", settings.lanes),
+        trap_speed_wave=most("trap_speed_wave", settings.trap_speed_wave),
+        traffic=traffic,
+    )
 
 
 def draw(settings: TrapSettings, key: Array, split: str) -> Start:
     """The numbers of a start: drawn where the split has a range for them, else as set."""
-    front, side = _distances(settings, jax.random.split(key, 3)[0], split)
-    drawn = split != "test"
-    lanes: int | Array = settings.lanes
-    if drawn and settings.training_lanes:
-        low, high = settings.training_lanes
-        lanes = jax.random.randint(
-            jax.random.fold_in(key, _LANES_STREAM), (), low, high + 1, jnp.int32
-        )
-
-    def speed(fixed: float, between: tuple[float, ...], stream: int) -> ArrayLike:
-        if not (drawn and between):
-            return fixed
-        share = jax.random.uniform(jax.random.fold_in(key, stream), (), jnp.float32)
-        return between[0] + (between[1] - between[0]) * share
-
-    return Start(
-        lanes=lanes,
-        ego_speed=speed(settings.ego_speed, settings.training_ego_speed, _EGO_STREAM),
-        trap_speed=speed(settings.trap_speed, settings.training_trap_speed, _TRAP_STREAM),
-        front_distance=front,
-        side_distance=side,
-        spacing=settings.traffic.spacing,
-        vehicles_ahead=settings.traffic.vehicles_ahead,
-        vehicles_behind=settings.traffic.vehicles_behind,
-    )
+    if split == "test":
+        return Start.of(settings)
+    front, side = _distances(settings, jax.random.split(key, 3)[0])
+    drawn = {"front_distance": front, "side_distance": side}
+    for name, stream in _STREAMS.items():
+        between = getattr(settings, f"training_{name}")
+        if between:
+            drawn[name] = _uniform(jax.random.fold_in(key, stream), *between)
+    return Start.of(settings, **drawn)
 
 
-def place(settings: TrapSettings, start: Start, key: Array, lanes: int) -> World:
-    """The world with these numbers, float32; ``key`` draws the traffic's lanes and gaps.
+def place(settings: TrapSettings, start: Start, key: Array) -> World:
+    """The world with these numbers, float32; ``key`` draws the traffic's lanes, gaps and drivers.
 
-    ``lanes`` is the static number of lanes, at least ``start.lanes``. Lanes and traffic that the
-    start has fewer of are absent.
+    The settings have at least as many lanes and vehicles as the start; what it lacks is absent.
     """
     _, lanes_key, spacing_key = jax.random.split(key, 3)
     front = jnp.asarray(start.front_distance, jnp.float32)
@@ -147,17 +182,13 @@ def place(settings: TrapSettings, start: Start, key: Array, lanes: int) -> World
         ]
     )
     x = jnp.concatenate([jnp.stack([jnp.zeros_like(front), front, side]), traffic_x])
-    speed = jnp.asarray(
-        [start.ego_speed, start.trap_speed, start.trap_speed] + [settings.traffic.speed] * traffic,
-        jnp.float32,
+    who, speed = _drivers(settings, start, key, traffic)
+    where = road.straight_road(
+        start.lanes, settings.lane_width, settings.speed_limit, settings.lanes
     )
-    where = road.straight_road(start.lanes, settings.lane_width, settings.speed_limit, lanes)
     vehicles = build.make_vehicles(x, select_by_index(where.centre, lane), speed, lane)
-    return World(
-        road=where,
-        drivers=_drivers(settings, start),
-        vehicles=replace(vehicles, present=_present(settings, start)),
-    )
+    vehicles = replace(vehicles, present=_present(settings, start))
+    return World(road=where, drivers=who, vehicles=vehicles)
 
 
 def escaped(world: World) -> Array:
@@ -179,17 +210,19 @@ def _present(settings: TrapSettings, start: Start) -> Array:
     )
 
 
-def _distances(settings: TrapSettings, key: Array, split: str) -> tuple[Array, Array]:
-    """(D1, D2) of a start, m."""
-    if split == "test":
-        return (
-            jnp.float32(settings.test_front_distance),
-            jnp.float32(settings.test_side_distance),
-        )
+def _distances(settings: TrapSettings, key: Array) -> tuple[Array, Array]:
+    """(D1, D2) of a training start, m."""
     low1, high1 = settings.training_front_distance
     low2, high2 = settings.training_side_distance
     draw = jax.random.uniform(key, (2,), jnp.float32)
     return low1 + (high1 - low1) * draw[0], low2 + (high2 - low2) * draw[1]
+
+
+def _uniform(key: Array, low: float, high: float) -> Array:
+    """A number between two; a whole one, both ends included, between whole ones."""
+    if isinstance(low, int):
+        return jax.random.randint(key, (), low, high + 1, jnp.int32)
+    return low + (high - low) * jax.random.uniform(key, (), jnp.float32)
 
 
 def _traffic_positions(settings: TrapSettings, start: Start, key: Array, trap_x: Array) -> Array:
@@ -202,24 +235,26 @@ def _traffic_positions(settings: TrapSettings, start: Start, key: Array, trap_x:
     ahead = spacing[: traffic.vehicles_ahead]
     behind = spacing[traffic.vehicles_ahead :]
     first_ahead = traffic.first_gap - start.spacing
-    first_behind = traffic.gap_behind - start.spacing
+    first_behind = jnp.asarray(start.gap_behind) - start.spacing
     return jnp.concatenate(
         [trap_x + first_ahead + jnp.cumsum(ahead), -(first_behind + jnp.cumsum(behind))]
     )
 
 
-def _drivers(settings: TrapSettings, start: Start) -> Drivers:
-    """Drivers of the ego, the trap cars and the traffic, in this order."""
-    traffic = vehicle_count(settings) - 3
-    by_rules = settings.ego_driver == "rule-based"
-    ego = settings.traffic.driver if by_rules else DriverSettings()
-    drivers = build.make_drivers(
-        [ego, DriverSettings(), DriverSettings()] + [settings.traffic.driver] * traffic,
-        [RULE_BASED if by_rules else EXTERNAL, CONSTANT, CONSTANT] + [RULE_BASED] * traffic,
-        missing_target_speed=settings.missing_target_speed,
-    )
-    if settings.missing_target_speed:
-        return drivers
-    ego_speed = drivers.target_speed[0] if by_rules else start.ego_speed
-    own = jnp.asarray([ego_speed, start.trap_speed, start.trap_speed], jnp.float32)
-    return replace(drivers, target_speed=drivers.target_speed.at[:3].set(own))
+def _drivers(
+    settings: TrapSettings, start: Start, key: Array, traffic: int
+) -> tuple[Drivers, Array]:
+    """(drivers, speeds at the start, m/s [N]) of the ego, the trap cars and the traffic."""
+    trap_key, traffic_key = (jax.random.fold_in(key, i) for i in (_TRAP_STREAM, _TRAFFIC_STREAM))
+    second = start.trap_speed + start.trap_speed_difference
+    first_three = jnp.asarray([start.ego_speed, start.trap_speed, second], jnp.float32)
+    own = drivers.of_first_three(settings, trap_key, first_three, start.trap_speed_wave)
+    others = drivers.of_traffic(settings, traffic_key, traffic, start.traffic_speed)
+    everybody: Drivers = jax.tree.map(lambda *parts: jnp.concatenate(parts), own, others)
+    traffic_speeds = jnp.full(traffic, start.traffic_speed, jnp.float32)
+    speed = jnp.concatenate([first_three, traffic_speeds])
+    if everybody.waves is not None:
+        # A trap car begins at the speed of its wave.
+        constant = everybody.kind == CONSTANT
+        speed = jnp.where(constant, waves.speed(everybody.waves, 0.0), speed)
+    return everybody, speed

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +22,7 @@ def make_drivers(
     With ``missing_target_speed``, vehicles that are not rule-based seem to want to stop, as in
     highway-env; otherwise they seem to want their setting's target speed.
     """
-    of: dict[str, Array] = {
+    of: dict[str, Any] = {
         field.name: jnp.asarray([getattr(s, field.name) for s in settings], jnp.float32)
         for field in fields(DriverSettings)
         if field.name != "changes_lanes"
@@ -32,7 +33,7 @@ def make_drivers(
     return Drivers(
         kind=kind,
         slip_limit=slip_sine(of.pop("steering_limit")),
-        changes_lanes=jnp.asarray([s.changes_lanes for s in settings]),
+        changes_lanes=jnp.asarray([s.changes_lanes for s in settings], bool),
         checks_collisions=jnp.ones(count, bool),
         length=jnp.full(count, CAR_LENGTH, jnp.float32),
         width=jnp.full(count, CAR_WIDTH, jnp.float32),

@@ -46,8 +46,23 @@ class Road:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
+class Waves:
+    """Whose speed swings around a mean, and how; see `lanewise.world.waves`."""
+
+    mean: Array
+    """[N] m/s."""
+    amplitude: Array
+    """[N] m/s; 0 for those whose speed does not swing."""
+    period: Array
+    """[N] s."""
+    phase: Array
+    """[N] share of a period at time 0, 0 to 1."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
 class Drivers:
-    """Who drives each vehicle, and how; constant through an episode.
+    """Who drives each vehicle, and how; constant through an episode, but for waves.
 
     Fields as `DriverSettings`, but for the limit of the steering.
     """
@@ -86,6 +101,8 @@ class Drivers:
     """[N] m."""
     width: Array
     """[N] m."""
+    waves: Waves | None = None
+    """Of speeds; None where nobody's swings."""
 
 
 @jax.tree_util.register_dataclass

@@ -1,0 +1,151 @@
+"""Who drives the traffic: populations against their sources, and speeds that swing."""
+
+from dataclasses import fields, replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.kinematics import Vehicle
+
+from lanewise import config
+from lanewise.driving import episode, percept
+from lanewise.driving.settings import DrivingSettings, ObservationSettings
+from lanewise.errors import SettingsError
+from lanewise.interop.highway_env import build_env
+from lanewise.scenario import drivers, trap
+from lanewise.scenario.populations import POPULATIONS
+from lanewise.scenario.settings import TrafficSettings, TrapSettings
+from lanewise.world import bicycle, steering, tick
+from lanewise.world.settings import DriverSettings
+from lanewise.world.state import CONSTANT
+
+COUNT, SPEED = 4000, 14.0
+NAMES = [field.name for field in fields(DriverSettings) if field.name != "changes_lanes"]
+
+
+def among(*names):
+    return TrapSettings(traffic=TrafficSettings(populations=names))
+
+
+@partial(jax.jit, static_argnums=0)
+def traffic(settings, seed=3):
+    return drivers.of_traffic(settings, jax.random.key(seed), COUNT, SPEED)
+
+
+@pytest.mark.parametrize("name", POPULATIONS)
+def test_each_vehicle_s_numbers_fill_the_ranges_of_its_population(name):
+    population, found = POPULATIONS[name], traffic(among(name))
+    target = found.target_speed / SPEED
+    wanted = {field: (getattr(population.driver, field),) * 2 for field in NAMES}
+    wanted |= population.ranges | {"target_speed": population.desired_speed}
+    drawn = {field: getattr(found, field, None) for field in NAMES} | {"target_speed": target}
+    drawn["steering_limit"] = steering.from_slip_sine(found.slip_limit)
+    for field, (low, high) in wanted.items():
+        near = 0.01 * (high - low) + 1e-5
+        assert low - 1e-5 <= drawn[field].min() <= low + near, field
+        assert high - near <= drawn[field].max() <= high + 1e-5, field
+        # What is drawn could be set by hand.
+        for limit in (low, high):
+            bound = config.field_types(DriverSettings)[field]
+            bound.check(field, limit)
+    assert (found.waves is not None) == population.waves
+
+
+def test_the_paper_s_population_is_the_paper_s_drivers():
+    ours, plain = traffic(among("paper")), traffic(TrapSettings())
+    for name in ("target_speed", "slip_limit", "changes_lanes", "time_gap", "politeness"):
+        wanted = SPEED if name == "target_speed" else getattr(plain, name)
+        np.testing.assert_array_equal(getattr(ours, name), wanted)
+
+
+def test_highway_env_s_population_is_its_class():
+    driver = POPULATIONS["highway-env"].driver
+    assert driver.comfort_acceleration == IDMVehicle.COMFORT_ACC_MAX
+    assert driver.comfort_deceleration == -IDMVehicle.COMFORT_ACC_MIN
+    assert driver.jam_distance == IDMVehicle.DISTANCE_WANTED
+    assert driver.time_gap == IDMVehicle.TIME_WANTED
+    assert driver.exponent == IDMVehicle.DELTA
+    assert driver.politeness == IDMVehicle.POLITENESS
+    assert driver.minimum_gain == IDMVehicle.LANE_CHANGE_MIN_ACC_GAIN
+    assert driver.imposed_braking == IDMVehicle.LANE_CHANGE_MAX_BRAKING_IMPOSED
+    assert driver.change_delay == IDMVehicle.LANE_CHANGE_DELAY
+    assert driver.acceleration_limit == IDMVehicle.ACC_MAX
+    assert driver.steering_limit == IDMVehicle.MAX_STEERING_ANGLE
+    assert POPULATIONS["highway-env"].ranges["exponent"] == tuple(IDMVehicle.DELTA_RANGE)
+    assert Vehicle.LENGTH == 5.0
+
+
+def test_all_populations_are_equally_likely():
+    found = traffic(among("paper", "timid", "cutting-in"))
+    shares = [np.mean(found.politeness == 0.5), np.mean(found.politeness > 0.6)]
+    np.testing.assert_allclose(shares, 1 / 3, atol=0.03)
+
+
+SWINGING = replace(
+    among("stop-and-go"), trap_speed_difference=1.0, trap_speed_wave=3.0, trap_wave_period=12.0
+)
+DRIVING = DrivingSettings()
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def drive(settings, decisions):
+    world = trap.sample(settings, trap.start_key(5, "test", 0), "test")
+    state = episode.begin(world)
+
+    def decide(state, _):
+        state = episode.step(DRIVING, state, jnp.int32(4), decisions)
+        return state, state.world
+
+    return world, jax.lax.scan(decide, state, length=decisions)[1]
+
+
+def test_speeds_follow_their_waves():
+    """After t seconds a trap car has v + A sin(2 pi (t / T + phase)), each with its own phase."""
+    begin, world = jax.device_get(drive(SWINGING, 60))
+    time = np.arange(0.0, 30.5, 0.5)[:, None]
+    waves = begin.drivers.waves
+    mean, phase = np.array([10.0, 11.0]), waves.phase[1:3]
+    speed = np.concatenate([begin.vehicles.speed[None], world.vehicles.speed])
+    wanted = mean + 3.0 * np.sin(2 * np.pi * (time / 12.0 + phase))
+    np.testing.assert_allclose(speed[:, 1:3], wanted, atol=1e-4)
+    assert abs(phase[0] - phase[1]) > 0.01
+    desired = world.drivers.target_speed[:, 3:]
+    wanted = waves.mean[3:] + waves.amplitude[3:] * np.sin(
+        2 * np.pi * (time[:-1] / waves.period[3:] + waves.phase[3:])
+    )
+    np.testing.assert_allclose(desired, wanted, atol=1e-4)
+    assert (world.drivers.kind[:, 1:3] == CONSTANT).all()
+    assert (world.drivers.target_speed[:, :3] == 0).all()
+
+
+def test_highway_env_has_no_waves():
+    world = trap.sample(SWINGING, trap.start_key(0, "test", 0), "test")
+    with pytest.raises(SettingsError, match="whose speed swings"):
+        build_env(world)
+
+
+@pytest.mark.parametrize("late", [1, 4])
+def test_a_decision_takes_effect_after_the_latency(late):
+    settings = DrivingSettings(latency=late / 10)
+    state = episode.begin(trap.sample(TrapSettings(), trap.start_key(1, "test", 0), "test"))
+    after = jax.jit(partial(episode.step, settings, duration=50))(state, jnp.int32(8))
+    world = tick.run(state.world, 0.1, late)
+    world = tick.run(bicycle.command(world, 1.0, np.pi / 50), 0.1, 5 - late)
+    np.testing.assert_allclose(after.world.vehicles.x, world.vehicles.x, rtol=1e-6)
+    assert after.world.vehicles.speed[0] == pytest.approx(10.0 + 0.1 * (5 - late))
+
+
+def test_noise_is_normal_the_same_for_the_same_world_and_new_after_a_tick():
+    clean, noisy = (ObservationSettings(noise=size) for size in (0.0, 0.1))
+    _, worlds = drive(TrapSettings(), 50)
+    seen = jax.jit(jax.vmap(lambda world: percept.perceive(noisy, world).features))(worlds)
+    plain = jax.jit(jax.vmap(lambda world: percept.perceive(clean, world).features))(worlds)
+    again = jax.jit(jax.vmap(lambda world: percept.perceive(noisy, world).features))(worlds)
+    np.testing.assert_array_equal(seen, again)
+    error = np.asarray(seen - plain)
+    assert error.std() == pytest.approx(0.1, rel=0.05)
+    assert abs(error.mean()) < 0.01
+    assert np.abs(np.corrcoef(error) - np.eye(50)).max() < 0.75
