@@ -20,6 +20,8 @@ from lanewise.evaluation.metrics import METRICS
 from lanewise.experiments import readings
 from lanewise.fields import docstrings
 from lanewise.fields.ranges import FieldType
+from lanewise.scenario.populations import POPULATIONS, Population
+from lanewise.world.settings import PAPER_DRIVER, DriverSettings
 
 DOCS = Path(__file__).parent
 PAGES = (DOCS.parent / "README.md", *sorted(DOCS.glob("*.md")))
@@ -71,11 +73,43 @@ def presets(title: str, table: dict[str, dict[str, object]]) -> str:
     return "\n".join(lines)
 
 
+def populations() -> str:
+    """Each population of drivers, what it has of its own, and its source."""
+
+    def own(population: Population) -> str:
+        fixed = {
+            field.name: (value, value)
+            for field in dataclasses.fields(DriverSettings)
+            if (value := getattr(population.driver, field.name))
+            != getattr(PAPER_DRIVER, field.name)
+        }
+        numbers = fixed | dict(population.ranges) | {"desired speed": population.desired_speed}
+        if population.waves:
+            numbers |= {"wave": population.wave, "period": population.period}
+        return ", ".join(
+            f"{name} {low:.4g}" + (f" to {high:.4g}" if high != low else "")
+            for name, (low, high) in numbers.items()
+        )
+
+    rows = [f"| {name} | {own(each)} | {each.source} |" for name, each in POPULATIONS.items()]
+    return "\n".join(
+        [
+            "## Driver populations\n",
+            "The names that `scenario.traffic.populations` and `scenario.training_populations`\n"
+            "take. Numbers not given are the paper's. Ranges are uniform and drawn for each\n"
+            "vehicle. The desired speed and its wave are shares of the traffic's speed.\n",
+            "| population | of its own | source |\n|---|---|---|",
+            *rows,
+        ]
+    )
+
+
 def page() -> str:
     """The whole of settings.md."""
     parts = [INTRODUCTION.rstrip(), *sections(Settings)]
     parts += [presets("Training presets (`--preset`)", PRESETS)]
     parts += [presets("Scenario presets (`--trap`)", TRAPS)]
+    parts += [populations()]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 

@@ -41,7 +41,7 @@ class TrafficSettings:
     """How traffic drives."""
     populations: Annotated[tuple[str, ...], Populations, OrNone(0)] = ()
     """Whose drivers the traffic consists of, one for each vehicle, all equally likely
-    (docs/populations.md); empty: everybody drives as `driver`."""
+    (docs/settings.md); empty: everybody drives as `driver`."""
 
 
 @dataclass(frozen=True)
