@@ -138,6 +138,23 @@ def test_a_decision_takes_effect_after_the_latency(late):
     assert after.world.vehicles.speed[0] == pytest.approx(10.0 + 0.1 * (5 - late))
 
 
+def test_in_training_the_latency_is_drawn_anew_for_each_decision():
+    """Ego speeds after one decision tell how many of its five ticks accelerated."""
+    settings = DrivingSettings(training_latency=(0.1, 0.3))
+    worlds = jax.vmap(
+        lambda i: trap.sample(TrapSettings(), trap.start_key(1, "training", i), "training")
+    )(jnp.arange(600))
+    after = jax.jit(
+        jax.vmap(
+            lambda world: (
+                episode.step(settings, episode.begin(world), jnp.int32(8), 50, training=True).world
+            )
+        )
+    )(worlds)
+    late = 5 - np.rint((np.asarray(after.vehicles.speed[:, 0]) - 10.0) * 10).astype(int)
+    np.testing.assert_allclose(np.bincount(late) / 600, [0, 1 / 3, 1 / 3, 1 / 3], atol=0.07)
+
+
 def test_noise_is_normal_the_same_for_the_same_world_and_new_after_a_tick():
     clean, noisy = (ObservationSettings(noise=size) for size in (0.0, 0.1))
     _, worlds = drive(TrapSettings(), 50)
@@ -149,3 +166,11 @@ def test_noise_is_normal_the_same_for_the_same_world_and_new_after_a_tick():
     assert error.std() == pytest.approx(0.1, rel=0.05)
     assert abs(error.mean()) < 0.01
     assert np.abs(np.corrcoef(error) - np.eye(50)).max() < 0.75
+    varied = ObservationSettings(training_noise=(0.0, 0.2))
+    training = jax.jit(
+        jax.vmap(lambda world: percept.perceive(varied, world, training=True).features)
+    )(worlds)
+    sizes = np.asarray(training - plain).std(axis=1)
+    assert sizes.min() < 0.03
+    assert 0.15 < sizes.max() < 0.3
+    assert sizes.mean() == pytest.approx(0.1, abs=0.02)

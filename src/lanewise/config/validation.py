@@ -212,11 +212,20 @@ def _apart(name: str, distance: float) -> None:
 def _check_driving(settings: Settings) -> None:
     _below(settings, "driving.decision_frequency", "driving.simulation_frequency")
     driving = settings.driving
-    if driving.latency_ticks >= driving.ticks_per_decision:
-        raise SettingsError(
-            f"driving.latency must be less than a decision ({show(driving.decision_duration)} s), "
-            f"got {show(driving.latency)}"
-        )
+    for name in ("latency", "training_latency"):
+        longest = driving.latency_ticks(name != "latency")[1]
+        if longest >= driving.ticks_per_decision:
+            raise SettingsError(
+                f"driving.{name} must be less than a decision "
+                f"({show(driving.decision_duration)} s), got {show(getattr(driving, name))}"
+            )
+    noise = driving.observation.training_noise
+    ranges = {"training_latency": driving.training_latency, "observation.training_noise": noise}
+    for name, between in ranges.items():
+        if between and between[0] > between[1]:
+            raise SettingsError(
+                f"driving.{name}: {show(between[0])} must not exceed {show(between[1])}"
+            )
     _below(settings, "goals.lowest_speed", "goals.highest_speed")
     why = "or goals in the next lane are reached in this one"
     _below(settings, "goals.lateral_tolerance", "scenario.lane_width", why)

@@ -1,12 +1,13 @@
 """One episode: a world, what the ego has gathered in it, and the step from decision to decision."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from lanewise.driving import accidents, actions
+from lanewise.driving import accidents, actions, chance
 from lanewise.driving.settings import DrivingSettings
 from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions
 from lanewise.world import bicycle, tick, waves
@@ -105,20 +106,42 @@ def step(
     action: Array,
     duration: int,
     task: TaskFunctions = PAPER_TASK,
+    training: bool = False,
 ) -> Episode:
     """The episode after one decision: an action of `actions.commands`, ticks, reward and endings.
 
     It is truncated after ``duration`` decisions. `Episode.outcome` says what the decision led to.
+    In ``training`` the latency is as set for it.
     """
     dtype = episode.world.vehicles.x.dtype
     acceleration, steering = actions.commands(settings.actions, action, dtype)
-    lasts, late = settings.decision_duration, settings.latency_ticks
+    lasts = settings.decision_duration
     world = waves.follow(episode.world, episode.stats.decisions * lasts, lasts)
-    if late:
-        world = tick.run(world, settings.tick_duration, late)
-    world = bicycle.command(world, acceleration, steering)
-    world = tick.run(world, settings.tick_duration, settings.ticks_per_decision - late)
+    world = _drive(settings, world, acceleration, steering, settings.latency_ticks(training))
     return evaluate_step(settings, episode, world, steering, duration, task)
+
+
+def _drive(
+    settings: DrivingSettings,
+    world: World,
+    acceleration: Array,
+    steering: Array,
+    latency: tuple[int, int],
+) -> World:
+    """The world a decision later; the command takes effect after so many ticks, least and most."""
+    low, high = latency
+    lasts, count = settings.tick_duration, settings.ticks_per_decision
+    late = chance.ticks(world, low, high) if high > low else high
+    if low:
+        world = tick.run(world, lasts, low)
+    for number in range(low, high):
+        commanded = bicycle.command(world, acceleration, steering)
+        world = jax.tree.map(partial(jnp.where, late == number), commanded, world)
+        world = tick.run(world, lasts, 1)
+    commanded = bicycle.command(world, acceleration, steering)
+    if high > low:
+        commanded = jax.tree.map(partial(jnp.where, late == high), commanded, world)
+    return tick.run(commanded, lasts, count - high)
 
 
 def evaluate_step(

@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import jax
-import jax.numpy as jnp
 from jax import Array
 
+from lanewise.driving import chance
 from lanewise.driving.settings import ObservationSettings
 from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions
-from lanewise.system import pinned
 from lanewise.world import road
 from lanewise.world.state import Road, World
 
@@ -37,16 +36,18 @@ class Percept:
 
 
 def perceive(
-    settings: ObservationSettings, world: World, task: TaskFunctions = PAPER_TASK
+    settings: ObservationSettings,
+    world: World,
+    task: TaskFunctions = PAPER_TASK,
+    training: bool = False,
 ) -> Percept:
-    """The percept of the ego in ``world``; the features alone have the settings' noise."""
+    """The percept of the ego in ``world``; its features alone are noisy.
+
+    In ``training`` the noise is as set for it.
+    """
     vehicles = world.vehicles
-    features = task.observe(settings, world)
-    if settings.noise:
-        error = jax.random.normal(_key_of(world), features.shape, features.dtype)
-        features += settings.noise * error
     return Percept(
-        features=features,
+        features=chance.noisy(task.observe(settings, world), world, settings.noise_range(training)),
         x=vehicles.x[0],
         y=vehicles.y[0],
         heading=vehicles.heading[0],
@@ -54,14 +55,3 @@ def perceive(
         lane=road.closest_lane(world.road, vehicles.x[0], vehicles.y[0]),
         road=world.road,
     )
-
-
-def _key_of(world: World) -> Array:
-    """A random key made of the places of all vehicles, so that noise needs no state of its own.
-
-    The same world is observed with the same noise, and after a tick it has nothing in common.
-    """
-    places = jnp.concatenate([world.vehicles.x, world.vehicles.y]).astype(jnp.float32)
-    bits = jax.lax.bitcast_convert_type(places, jnp.uint32)
-    odd = 2 * jnp.arange(bits.size, dtype=jnp.uint32) + 1
-    return jax.random.fold_in(pinned.key(0), jnp.sum(bits * odd * jnp.uint32(2654435761)))

@@ -5,7 +5,7 @@ from math import ceil, pi
 from typing import Annotated
 
 from lanewise.driving import lane_observation
-from lanewise.fields.ranges import Between, OneOf
+from lanewise.fields.ranges import Between, OneOf, OrNone
 
 Weight = Between(0.0, 1000.0)
 VARIANTS = {"kinematics": 26, "lanes": lane_observation.SIZE}
@@ -46,6 +46,14 @@ class ObservationSettings:
     """Vehicles farther than this are not observed."""
     noise: Annotated[float, Between(0.0, 10.0)] = 0.0
     """Standard deviation of the normal error of every feature, as scaled, in every decision."""
+    training_noise: Annotated[tuple[float, ...], Between(0.0, 10.0), OrNone(2)] = ()
+    """The same in training and validation: uniform between the two for each decision; empty: as in
+    tests."""
+
+    def noise_range(self, training: bool) -> tuple[float, float]:
+        """Smallest and largest noise."""
+        low, high = (training and self.training_noise) or (self.noise, self.noise)
+        return low, high
 
     @property
     def size(self) -> int:
@@ -85,6 +93,9 @@ class DrivingSettings:
     may be more."""
     latency: Annotated[float, Between(0.0, 10.0, "s")] = 0.0
     """Time from a decision until it takes effect, to the nearest tick; less than a decision."""
+    training_latency: Annotated[tuple[float, ...], Between(0.0, 10.0, "s"), OrNone(2)] = ()
+    """The same in training and validation: between the two for each decision; empty: as in
+    tests."""
     stopped_speed: Annotated[float, Between(0.0, 10.0, "m/s")] = 0.1
     """Slower than this counts as having come to a stop, an accident."""
     actions: ActionSettings = field(default_factory=ActionSettings)
@@ -99,10 +110,16 @@ class DrivingSettings:
         """Ticks in a decision, as highway-env counts them."""
         return self.simulation_frequency // self.decision_frequency
 
+    def latency_ticks(self, training: bool = False) -> tuple[int, int]:
+        """Fewest and most ticks until a decision takes effect."""
+        seconds = (training and self.training_latency) or (self.latency, self.latency)
+        low, high = (round(each * self.simulation_frequency) for each in seconds)
+        return low, high
+
     @property
-    def latency_ticks(self) -> int:
-        """Ticks until a decision takes effect."""
-        return round(self.latency * self.simulation_frequency)
+    def varies_in_training(self) -> bool:
+        """Whether training has another noise or latency than tests."""
+        return bool(self.training_latency or self.observation.training_noise)
 
     @property
     def tick_duration(self) -> float:

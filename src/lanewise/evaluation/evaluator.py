@@ -178,7 +178,8 @@ def _start_block(sample: Any, scenario: TrapSettings, split: str, seed: int, fir
 
 def of_any_start(config: EvaluationConfig) -> EvaluationConfig:
     """The same test whatever its starts are, so that tests which differ in them compile once."""
-    return replace(config, scenario=TrapSettings(), split="test")
+    split = config.split if config.driving.varies_in_training else "test"
+    return replace(config, scenario=TrapSettings(), split=split)
 
 
 @pinned.jit(static_argnums=0)
@@ -242,7 +243,10 @@ def step(config: EvaluationConfig, drive: Drive, memory: Memory, action: Array) 
     ``memory`` is the controller's after the decision, ``action`` an int32 [] low-level action, or
     for continuous ones float [2] from -1 to 1.
     """
-    after = episode.step(config.driving, drive.episode, action, config.duration, config.task)
+    after = episode.step(
+        *(config.driving, drive.episode, action, config.duration, config.task),
+        training=config.split != "test",
+    )
     return _next(config, drive, memory, after)
 
 
@@ -268,7 +272,8 @@ def _next(config: EvaluationConfig, drive: Drive, memory: Memory, after: Episode
 
 
 def _observe(config: EvaluationConfig, state: Episode) -> Percept:
-    return percept.perceive(config.driving.observation, state.world, config.task)
+    training = config.split != "test"
+    return percept.perceive(config.driving.observation, state.world, config.task, training)
 
 
 def _privileged(seen: Percept, state: Episode) -> Percept:

@@ -67,7 +67,7 @@ def live(driving: DrivingSettings, world: World, duration: int) -> Any:
         SettingsError: decisions have a latency, speeds swing, or others than vehicle 0 are driven
             from outside too.
     """
-    if driving.latency_ticks:
+    if driving.latency:
         raise SettingsError("driving.latency: in highway-env decisions take effect at once")
     env = highway_env.build_env(
         world,

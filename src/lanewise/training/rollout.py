@@ -64,7 +64,7 @@ class StageConfig:
 def begin(config: StageConfig, parameters: Parameters, key: Array) -> Rollout:
     """A fresh training episode."""
     state = episode.begin(config.task.start(config.scenario, key, "training"))
-    seen = percept.perceive(config.driving.observation, state.world, config.task)
+    seen = percept.perceive(config.driving.observation, state.world, config.task, training=True)
     memory = config.controller.perceive(config.controller.start(seen), seen)
     return Rollout(
         episode=state,
@@ -101,9 +101,9 @@ def step(
     before = controller.feedback(memory, rollout.percept).distance
     action, memory = controller.act(memory, rollout.percept)
     state = episode.step(
-        config.driving, rollout.episode, action, config.budget.duration, config.task
+        config.driving, rollout.episode, action, config.budget.duration, config.task, training=True
     )
-    seen = percept.perceive(config.driving.observation, state.world, config.task)
+    seen = percept.perceive(config.driving.observation, state.world, config.task, training=True)
     feedback = controller.feedback(memory, seen)
     memory = _settle(config, parameters, controller.perceive(memory, seen), seen)
 
