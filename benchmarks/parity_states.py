@@ -1,6 +1,6 @@
 """Random worlds on which ours is compared with highway-env's, as float64 NumPy arrays."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -121,7 +121,7 @@ def random_vehicles(rng, road, count):
 
 def padded(part, size):
     """Extend a struct of [n] arrays to [size]; added vehicles are copies, then marked absent."""
-    return type(part)(**{f.name: np.resize(getattr(part, f.name), size) for f in fields(part)})
+    return jax.tree.map(lambda values: np.resize(values, size), part)
 
 
 def fit(world, size, lanes_max=LANES_MAX):

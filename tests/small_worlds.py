@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from parity_states import LANES_MAX, fit, random_drivers, random_road, random_vehicles, slip_sine
 
 from lanewise.interop.highway_env import build_env, read_world
-from lanewise.world import tick
-from lanewise.world.settings import PAPER_DRIVER, DriverSettings
-from lanewise.world.state import EXTERNAL, RULE_BASED, Drivers, Road, Vehicles, World
+from lanewise.world import build, tick
+from lanewise.world.settings import PAPER_DRIVER, LinearSettings
+from lanewise.world.state import EXTERNAL, RULE_BASED, Drivers, Linear, Road, Vehicles, World
 
 TICK = 0.1
 """Length of a tick, s."""
@@ -35,8 +35,13 @@ def make_world(
     kind = np.array([EXTERNAL] + [RULE_BASED] * (count - 1) if kinds is None else kinds, np.int32)
     settings = settings if isinstance(settings, list) else [settings] * count
     of = {
-        field.name: np.array([getattr(each, field.name) for each in settings], float)
-        for field in fields(DriverSettings)
+        name: np.array([getattr(each, name) for each in settings], float)
+        for name in (*build.NUMBERS, "changes_lanes")
+    }
+    linear = np.array([each.model == "linear" for each in settings]) & (kind == RULE_BASED)
+    gains = {
+        field.name: np.array([getattr(each.linear, field.name) for each in settings], float)
+        for field in fields(LinearSettings)
     }
     zeros, no = np.zeros(count), np.zeros(count, bool)
     own_timer = np.mod((x + y) * np.pi, 1.0)
@@ -57,6 +62,7 @@ def make_world(
         checks_collisions=~no,
         length=zeros + 5.0,
         width=zeros + 2.0,
+        linear=Linear(linear, **gains) if linear.any() else None,
         **of,
     )
     vehicles = Vehicles(

@@ -19,7 +19,7 @@ from lanewise.world import (
     bitset,
     build,
     collision,
-    idm,
+    driver_model,
     mobil,
     motion,
     neighbours,
@@ -48,6 +48,7 @@ def _found(world):
     lanes = seen.lane + jnp.array([0, *SIDES], jnp.int32)[:, None]
     around = neighbours.both(world, seen, observers.all_vehicles(world, seen), lanes)
     own, *sides = (taken(around, which) for which in range(3))
+    me = neighbours.as_rear(world, seen)
     boxes = collision.boxes_of(world, trig)
     first, second = (
         collision.Box(*(value.reshape(shape) for value in boxes)) for shape in ((-1, 1), (1, -1))
@@ -56,13 +57,13 @@ def _found(world):
         "lane": seen.lane,
         "effort": seen.effort,
         "around": around,
-        "acceleration": idm.free_road(world.drivers, seen.effort)
-        - idm.following(world, seen, own.front),
+        "acceleration": driver_model.free_road(world.drivers, me)
+        - driver_model.following(world.drivers, me, own.front),
         "due": mobil.due(world, seen, 0.1),
         "recommends": [mobil.recommends(world, seen, own, side) for side in sides],
         "gain": [mobil.gain(world, seen, own, side) for side in sides],
         "summed": [mobil.summed_gain(world, seen, own, side) for side in sides],
-        "slip": steering.keep_lane(world, world.vehicles.target_lane),
+        "slip": driver_model.keep_lane(world, world.vehicles.target_lane),
         "moved": bicycle.move(bicycle.command(world, 0.7, -0.3), trig, 0.1).vehicles,
         "candidates": collision.candidates(world, boxes, 0.1)[0],
         "overlap": collision.overlap(first, second, 0.1),
