@@ -7,7 +7,15 @@ import hypothesis
 import jax
 import numpy as np
 from hypothesis import strategies as st
-from parity_states import LANES_MAX, fit, random_drivers, random_road, random_vehicles, slip_sine
+from parity_states import (
+    LANES_MAX,
+    fit,
+    random_drivers,
+    random_road,
+    random_vehicles,
+    slip_sine,
+    with_linear,
+)
 
 from lanewise.interop.highway_env import build_env, read_world
 from lanewise.world import build, tick
@@ -95,16 +103,22 @@ rows = st.tuples(
 
 
 @st.composite
-def worlds(draw):
+def worlds(draw, linear=False):
     """A world of 1 to `SIZE` vehicles: road and drivers from a seed, vehicles drawn one by one.
 
-    Every other world has the random vehicles of the parity tests instead.
+    Every other world has the random vehicles of the parity tests instead. Half of the drivers are
+    linear ones, or none.
     """
     rng = np.random.default_rng(draw(st.integers(0, 10_000)))
     road = random_road(rng)
+
+    def drivers(count):
+        found = random_drivers(rng, count)
+        return with_linear(rng, found) if linear else found
+
     if draw(st.booleans()):
         count = draw(st.integers(2, SIZE))
-        return fit(World(road, random_drivers(rng, count), random_vehicles(rng, road, count)), SIZE)
+        return fit(World(road, drivers(count), random_vehicles(rng, road, count)), SIZE)
     drawn = draw(st.lists(rows, min_size=1, max_size=SIZE))
     lane, x, aside, heading, speed, target, timer, crashed = map(np.array, zip(*drawn, strict=True))
     lanes = int(road.present.sum())
@@ -118,7 +132,7 @@ def worlds(draw):
         timer=timer,
         crashed=crashed & (rng.random(len(drawn)) < 0.3),
     )
-    return fit(World(road, random_drivers(rng, len(drawn)), vehicles), SIZE)
+    return fit(World(road, drivers(len(drawn)), vehicles), SIZE)
 
 
 _tick = jax.jit(tick.tick)
@@ -214,11 +228,11 @@ def profile(examples):
     )  # fmt: skip
 
 
-def check(law, examples):
+def check(law, examples, linear=False):
     """Hold a law, a function of a world and a random generator, against many worlds."""
 
     @profile(examples)
-    @hypothesis.given(world=worlds(), seed=st.integers(0, 2**32 - 1))
+    @hypothesis.given(world=worlds(linear), seed=st.integers(0, 2**32 - 1))
     def holds(world, seed):
         law(world, np.random.default_rng(seed))
 

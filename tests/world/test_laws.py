@@ -389,6 +389,15 @@ def test_law(law, examples):
     check(LAWS[law], examples // 15 if law.startswith("halve") else examples)
 
 
+@pytest.mark.parametrize("examples", [20, pytest.param(400, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "law", [law for law in LAWS if not law.startswith(("far", "halve", "free"))]
+)
+def test_law_with_linear_drivers(law, examples):
+    """Not how far they see, nor how they near their target speed: those are laws of the IDM."""
+    check(LAWS[law], examples, linear=True)
+
+
 @pytest.mark.slow
 @profile(3)
 @given(several=st.lists(worlds(), min_size=16, max_size=16))
