@@ -389,7 +389,7 @@ def test_law(law, examples):
     check(LAWS[law], examples // 15 if law.startswith("halve") else examples)
 
 
-@pytest.mark.parametrize("examples", [20, pytest.param(400, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("examples", [60, pytest.param(400, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "law", [law for law in LAWS if not law.startswith(("far", "halve", "free"))]
 )

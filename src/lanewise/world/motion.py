@@ -72,7 +72,7 @@ def observe(world: World, trig: HeadingTrig) -> Motion:
 
     The effort is max(speed, 0) / |not_zero(clip(target speed, 0, limit of the own lane))|. The
     shortfall has the target speed unclipped, and is 0 for a plain vehicle without one
-    (`two-readings-of-no-target-speed`).
+    (`content-without-target-speed`).
     """
     vehicles, drivers = world.vehicles, world.drivers
     lane = roads.closest_lane(world.road, vehicles.x, vehicles.y)

@@ -16,7 +16,7 @@ FARTHEST = 131_072.0
 
 @dataclass(frozen=True)
 class LinearSettings:
-    """Gains of a driver with the model ``linear``; the defaults are highway-env's."""
+    """Gains of a driver with the model `linear`; the defaults are those of highway-env."""
 
     target_speed_gain: Annotated[float, Between(0.0, 10.0, "1/s")] = 0.3
     """Acceleration for each m/s below the target speed; braking above it. The target speed is not
@@ -64,10 +64,10 @@ class DriverSettings:
     changes_lanes: bool = True
     """Whether the driver changes lanes at all."""
     model: Annotated[str, OneOf(("idm", "linear"))] = "idm"
-    """Accelerates by the IDM and keeps its lane with two nested gains, or does both by a ``linear``
-    law as highway-env's LinearVehicle. MOBIL and giving up a change need the IDM's settings too."""
+    """How the driver follows a leader and its lane: by the IDM and nested gains, or as a
+    LinearVehicle of highway-env, with S0 and T of the IDM. Both change lanes by MOBIL."""
     linear: LinearSettings = field(default_factory=LinearSettings)
-    """Gains of the model ``linear``; without effect on the model ``idm``."""
+    """Gains of the model `linear`; without effect on the model `idm`."""
 
 
 PAPER_DRIVER = DriverSettings()
