@@ -55,12 +55,15 @@ DRAWN = ("action", "traffic", "road", "drivers")
 
 
 def random_states(seed, number, seconds):
-    """Compare ticks from random states; their batches are filled up by more states."""
+    """Compare ticks from random states; their batches are filled up by more states.
+
+    Every other task has linear drivers among the others.
+    """
     rng = np.random.default_rng([seed, 1, number])
     groups = {size: [] for size in SIZES}
     done, most, exceptions = 0, dict.fromkeys(CONTINUOUS, 0.0), []
     while done < STATES_A_TASK:
-        world = random_state(rng)
+        world = random_state(rng, linear=number % 2 == 1)
         group = groups[world.vehicles.x.shape[0]]
         group.append(world)
         if len(group) < BATCH:
