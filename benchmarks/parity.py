@@ -218,7 +218,7 @@ def main():
     count("--states", default=10_000)
     count("--runs", default=1_000)
     count("--default-runs", default=200)
-    count("--linear-runs", default=200)
+    count("--linear-runs", default=0)
     count("--configurations", default=330, help="of live environments")
     count("--seed", default=0)
     count("--processes", default=1)
