@@ -155,7 +155,7 @@ REFUSED = {
     "target speed of 0 beside linear": (
         with_zero_target_beside_linear, "target_speed of 0 beside a LinearVehicle"
     ),
-    "controlled": (with_vehicle(ControlledVehicle), "cannot be read; use Vehicle or IDMVehicle"),
+    "controlled": (with_vehicle(ControlledVehicle), "cannot be read; use Vehicle, IDM"),
     "bicycle": (with_vehicle(BicycleVehicle), "BicycleVehicle with its own step, clip_actions"),
     **{
         f"class with {name}": (with_class(base, **{name: value}), f"its own {name}")

@@ -218,7 +218,7 @@ def _check_controlled(env: Any) -> None:
 def _check_vehicle(vehicle: Any, road: Any) -> None:
     kind, rule_based = f"a {type(vehicle).__name__}", isinstance(vehicle, IDMVehicle)
     plain = isinstance(vehicle, Vehicle) and not isinstance(vehicle, ControlledVehicle)
-    _require(plain or rule_based, kind, "use Vehicle or IDMVehicle")
+    _require(plain or rule_based, kind, "use Vehicle, IDMVehicle or LinearVehicle")
     original, read = next(each for each in READ.items() if isinstance(vehicle, each[0]))
     _check_unchanged(vehicle, original, read)
     _check_numbers(vehicle, [*read, *NUMBERS])
