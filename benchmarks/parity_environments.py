@@ -8,7 +8,12 @@ import numpy as np
 from highway_env.envs import HighwayEnv
 from highway_env.road.lane import StraightLane
 from highway_env.road.road import Road, RoadNetwork
-from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.behavior import (
+    AggressiveVehicle,
+    DefensiveVehicle,
+    IDMVehicle,
+    LinearVehicle,
+)
 from highway_env.vehicle.kinematics import Vehicle
 
 RATES = (1, 2, 3, 5, 7, 10, 12, 15, 20, 30, 60)
@@ -115,12 +120,24 @@ def make(seed, configuration):
     return env
 
 
-def default_env(seed):
+def default_env(seed, **config):
     """highway-env's own default traffic: 50 vehicles, four lanes, 15 Hz, under DiscreteAction."""
-    config = {"action": DISCRETE | GENTLE, "policy_frequency": 1, "simulation_frequency": 15}
+    config |= {"action": DISCRETE | GENTLE, "policy_frequency": 1, "simulation_frequency": 15}
     env = HighwayEnv(config=config)
     env.reset(seed=seed)
     env.action_space.seed(seed)
+    return env
+
+
+def linear_env(seed, others):
+    """Default and linear drivers in turn, half of them randomised, on highway-env's own road."""
+    env = default_env(seed, vehicles_count=0)
+    for number in range(others):
+        kind = (AggressiveVehicle, IDMVehicle, DefensiveVehicle, LinearVehicle)[number % 4]
+        vehicle = kind.create_random(env.road, spacing=0.7)
+        if number % 8 < 4:
+            vehicle.randomize_behavior()
+        env.road.vehicles.append(vehicle)
     return env
 
 

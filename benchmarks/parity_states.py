@@ -7,7 +7,16 @@ import numpy as np
 
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
-from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, Road, Vehicles, World
+from lanewise.world.state import (
+    CONSTANT,
+    EXTERNAL,
+    RULE_BASED,
+    Drivers,
+    Linear,
+    Road,
+    Vehicles,
+    World,
+)
 
 SIZES = (16, 32)
 LANES_MAX = 5
@@ -74,6 +83,21 @@ def random_drivers(rng, count):
     )
 
 
+def with_linear(rng, drivers):
+    """The drivers with about half of those that drive by rules as linear ones, with any gains."""
+    count = drivers.kind.shape[0]
+    most = {
+        "target_speed_gain": 0.6,
+        "relative_speed_gain": 0.6,
+        "gap_gain": 3.0,
+        "heading_gain": 6.0,
+        "offset_gain": 10.0,
+    }
+    gains = {name: rng.uniform(0.0, high, count) for name, high in most.items()}
+    applies = (drivers.kind == RULE_BASED) & (rng.random(count) < 0.5)
+    return replace(drivers, linear=Linear(applies, **gains))
+
+
 def random_vehicles(rng, road, count):
     """Vehicles in lanes, between lanes and off the road; ties, near hits, crashes and impacts."""
     lanes = int(road.present.sum())
@@ -135,11 +159,13 @@ def fit(world, size, lanes_max=LANES_MAX):
     return World(road, padded(world.drivers, size), replace(vehicles, present=present))
 
 
-def random_state(rng):
+def random_state(rng, linear=False):
     """One random world of 3 to 30 vehicles, padded to the next of `SIZES`."""
     count = int(rng.integers(3, 31))
     road = random_road(rng)
-    world = World(road, random_drivers(rng, count), random_vehicles(rng, road, count))
+    drivers = random_drivers(rng, count)
+    drivers = with_linear(rng, drivers) if linear else drivers
+    world = World(road, drivers, random_vehicles(rng, road, count))
     return fit(world, next(size for size in SIZES if size >= count))
 
 

@@ -7,12 +7,20 @@ import hypothesis
 import jax
 import numpy as np
 from hypothesis import strategies as st
-from parity_states import LANES_MAX, fit, random_drivers, random_road, random_vehicles, slip_sine
+from parity_states import (
+    LANES_MAX,
+    fit,
+    random_drivers,
+    random_road,
+    random_vehicles,
+    slip_sine,
+    with_linear,
+)
 
 from lanewise.interop.highway_env import build_env, read_world
-from lanewise.world import tick
-from lanewise.world.settings import PAPER_DRIVER, DriverSettings
-from lanewise.world.state import EXTERNAL, RULE_BASED, Drivers, Road, Vehicles, World
+from lanewise.world import build, tick
+from lanewise.world.settings import PAPER_DRIVER, LinearSettings
+from lanewise.world.state import EXTERNAL, RULE_BASED, Drivers, Linear, Road, Vehicles, World
 
 TICK = 0.1
 """Length of a tick, s."""
@@ -35,8 +43,13 @@ def make_world(
     kind = np.array([EXTERNAL] + [RULE_BASED] * (count - 1) if kinds is None else kinds, np.int32)
     settings = settings if isinstance(settings, list) else [settings] * count
     of = {
-        field.name: np.array([getattr(each, field.name) for each in settings], float)
-        for field in fields(DriverSettings)
+        name: np.array([getattr(each, name) for each in settings], float)
+        for name in (*build.NUMBERS, "changes_lanes")
+    }
+    linear = np.array([each.model == "linear" for each in settings]) & (kind == RULE_BASED)
+    gains = {
+        field.name: np.array([getattr(each.linear, field.name) for each in settings], float)
+        for field in fields(LinearSettings)
     }
     zeros, no = np.zeros(count), np.zeros(count, bool)
     own_timer = np.mod((x + y) * np.pi, 1.0)
@@ -57,6 +70,7 @@ def make_world(
         checks_collisions=~no,
         length=zeros + 5.0,
         width=zeros + 2.0,
+        linear=Linear(linear, **gains) if linear.any() else None,
         **of,
     )
     vehicles = Vehicles(
@@ -89,16 +103,22 @@ rows = st.tuples(
 
 
 @st.composite
-def worlds(draw):
+def worlds(draw, linear=False):
     """A world of 1 to `SIZE` vehicles: road and drivers from a seed, vehicles drawn one by one.
 
-    Every other world has the random vehicles of the parity tests instead.
+    Every other world has the random vehicles of the parity tests instead. Half of the drivers are
+    linear ones, or none.
     """
     rng = np.random.default_rng(draw(st.integers(0, 10_000)))
     road = random_road(rng)
+
+    def drivers(count):
+        found = random_drivers(rng, count)
+        return with_linear(rng, found) if linear else found
+
     if draw(st.booleans()):
         count = draw(st.integers(2, SIZE))
-        return fit(World(road, random_drivers(rng, count), random_vehicles(rng, road, count)), SIZE)
+        return fit(World(road, drivers(count), random_vehicles(rng, road, count)), SIZE)
     drawn = draw(st.lists(rows, min_size=1, max_size=SIZE))
     lane, x, aside, heading, speed, target, timer, crashed = map(np.array, zip(*drawn, strict=True))
     lanes = int(road.present.sum())
@@ -112,7 +132,7 @@ def worlds(draw):
         timer=timer,
         crashed=crashed & (rng.random(len(drawn)) < 0.3),
     )
-    return fit(World(road, random_drivers(rng, len(drawn)), vehicles), SIZE)
+    return fit(World(road, drivers(len(drawn)), vehicles), SIZE)
 
 
 _tick = jax.jit(tick.tick)
@@ -208,11 +228,11 @@ def profile(examples):
     )  # fmt: skip
 
 
-def check(law, examples):
+def check(law, examples, linear=False):
     """Hold a law, a function of a world and a random generator, against many worlds."""
 
     @profile(examples)
-    @hypothesis.given(world=worlds(), seed=st.integers(0, 2**32 - 1))
+    @hypothesis.given(world=worlds(linear), seed=st.integers(0, 2**32 - 1))
     def holds(world, seed):
         law(world, np.random.default_rng(seed))
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import gymnasium
 import jax
 import numpy as np
 import parity_names
@@ -44,9 +45,29 @@ def test_a_free_run_of_paper_traffic():
     assert max(found["largest_errors"].values()) < 1e-9
 
 
+def test_a_free_run_of_linear_drivers_among_others():
+    found = parity.linear_run(1, 0, None, others=ROOM - 1)
+    assert found["exceptions"] == []
+    assert max(found["largest_errors"].values()) < 1e-9
+
+
+@pytest.mark.parametrize("kind", ["LinearVehicle", "AggressiveVehicle", "DefensiveVehicle"])
+def test_highway_v0_with_other_vehicles_type(kind):
+    """As users give it; highway-env randomises the gains of each."""
+    others = f"highway_env.vehicle.behavior.{kind}"
+    action = {"type": "DiscreteAction"}
+    config = {"other_vehicles_type": others, "vehicles_count": ROOM - 1, "action": action}
+    env = gymnasium.make("highway-v0", config=config | {"vehicles_density": 1.5})
+    env.reset(seed=3)
+    env.action_space.seed(3)
+    found = compare(env, 5.0, ROOM)
+    assert (found["names"], found["unexplained"]) == ({}, [])
+    assert max(found["largest_errors"].values()) < 1e-9
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(2))
-@pytest.mark.parametrize("run", [parity.paper_run, parity.default_run])
+@pytest.mark.parametrize("run", [parity.paper_run, parity.default_run, parity.linear_run])
 def test_free_runs(run, number):
     assert run(2, number, None)["exceptions"] == []
 

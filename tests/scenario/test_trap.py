@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from lanewise import config
 from lanewise.driving import episode, percept
 from lanewise.driving.settings import DrivingSettings
 from lanewise.evaluation import evaluator
@@ -149,6 +150,15 @@ def test_tests_start_as_set(test):
     one = jax.tree.map(lambda leaf: leaf[0], test)
     assert trap.roles(one).tolist() == [0, 1, 1] + [2] * 7
     assert test.vehicles.x.shape[1] == 10
+
+
+def test_linear_traffic():
+    """All traffic has the model of its setting, the trap cars never."""
+    settings = config.compose(flags={"scenario.traffic.driver.model": "linear"}).scenario
+    world = trap.sample(settings, jax.random.key(0), "test")
+    kind = np.asarray(world.drivers.kind)
+    assert world.drivers.linear.applies.tolist() == (kind == RULE_BASED).tolist()
+    assert trap.sample(TrapSettings(), jax.random.key(0), "test").drivers.linear is None
 
 
 ESCAPED = jax.jit(trap.escaped)

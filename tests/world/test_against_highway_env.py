@@ -1,6 +1,6 @@
 """Each function against highway-env's own, in float64."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -19,7 +19,8 @@ from lanewise.world import (
     bitset,
     build,
     collision,
-    idm,
+    driver_model,
+    linear,
     mobil,
     motion,
     neighbours,
@@ -28,7 +29,15 @@ from lanewise.world import (
     steering,
     tick,
 )
-from lanewise.world.settings import DriverSettings
+from lanewise.world.settings import (
+    AGGRESSIVE_DRIVER,
+    DEFENSIVE_DRIVER,
+    LINEAR_DRIVER,
+    PAPER_DRIVER,
+    DriverSettings,
+    LinearSettings,
+)
+from lanewise.world.state import Drivers
 from small_worlds import after, change, fit, make_world, single, taken
 
 COUNT, SIDES = 12, (-1, 1)
@@ -48,6 +57,7 @@ def _found(world):
     lanes = seen.lane + jnp.array([0, *SIDES], jnp.int32)[:, None]
     around = neighbours.both(world, seen, observers.all_vehicles(world, seen), lanes)
     own, *sides = (taken(around, which) for which in range(3))
+    me = neighbours.as_rear(world, seen)
     boxes = collision.boxes_of(world, trig)
     first, second = (
         collision.Box(*(value.reshape(shape) for value in boxes)) for shape in ((-1, 1), (1, -1))
@@ -56,13 +66,13 @@ def _found(world):
         "lane": seen.lane,
         "effort": seen.effort,
         "around": around,
-        "acceleration": idm.free_road(world.drivers, seen.effort)
-        - idm.following(world, seen, own.front),
+        "acceleration": driver_model.free_road(world.drivers, me)
+        - driver_model.following(world.drivers, me, own.front),
         "due": mobil.due(world, seen, 0.1),
         "recommends": [mobil.recommends(world, seen, own, side) for side in sides],
         "gain": [mobil.gain(world, seen, own, side) for side in sides],
         "summed": [mobil.summed_gain(world, seen, own, side) for side in sides],
-        "slip": steering.keep_lane(world, world.vehicles.target_lane),
+        "slip": driver_model.keep_lane(world, world.vehicles.target_lane),
         "moved": bicycle.move(bicycle.command(world, 0.7, -0.3), trig, 0.1).vehicles,
         "candidates": collision.candidates(world, boxes, 0.1)[0],
         "overlap": collision.overlap(first, second, 0.1),
@@ -73,10 +83,20 @@ def found(world):
     return SimpleNamespace(**jax.device_get(_found(fit(world, COUNT))))
 
 
-@pytest.fixture(scope="module")
-def scene():
+OWN_GAINS = LinearSettings(0.2, 0.5, 1.3, 4.0, 7.0)
+DRIVERS = {
+    "idm": [PAPER_DRIVER],
+    "mixed": [
+        *(PAPER_DRIVER, LINEAR_DRIVER, AGGRESSIVE_DRIVER, DEFENSIVE_DRIVER),
+        replace(PAPER_DRIVER, model="linear", linear=OWN_GAINS),
+    ],
+}
+
+
+@pytest.fixture(scope="module", params=DRIVERS)
+def scene(request):
     """Twelve vehicles strewn over three lanes, what our functions find, and their twin."""
-    rng = np.random.default_rng(3)
+    rng, drivers = np.random.default_rng(3), DRIVERS[request.param]
     lane = rng.integers(0, 3, COUNT)
     world = make_world(
         rng.uniform(0, 150, COUNT),
@@ -85,6 +105,7 @@ def scene():
         y=lane * 4.0 + rng.normal(0, 0.8, COUNT),
         heading=rng.normal(0, 0.05, COUNT),
         timer=rng.uniform(0.5, 2, COUNT),
+        settings=[drivers[number % len(drivers)] for number in range(COUNT)],
         size=COUNT,
     )
     with jax.enable_x64(True):
@@ -178,6 +199,40 @@ def test_mobil(scene):
                 assert scene.found.recommends[side][i] == theirs
                 verdicts.add(theirs)
     assert verdicts == {True, False}
+
+
+def test_gains_of_mixed_drivers(scene):
+    """Each judges all others by its own model; a plain vehicle is content or wants to stop."""
+    for i, driver in drivers_of(scene.env):
+        for side, step in enumerate(SIDES):
+            lane = int(scene.found.lane[i]) + step
+            if 0 <= lane < 3:
+                theirs = gain_of(driver, ("0", "1", lane))
+                np.testing.assert_allclose(scene.found.summed[side][i], theirs, 1e-9, 1e-9)
+
+
+def test_without_linear_drivers_nothing_of_them_is_computed(monkeypatch):
+    """The program of a tick is the same as if there were no such model."""
+
+    def program(*settings):
+        world = make_world([0, 30, 60], [0, 1, 0], settings=[PAPER_DRIVER, *settings])
+        return str(jax.make_jaxpr(lambda world: tick.tick(world, 0.1))(world))
+
+    def fail(*_):
+        raise AssertionError
+
+    before = program(PAPER_DRIVER, PAPER_DRIVER)
+    for name in ("free_road", "interaction", "keep_lane"):
+        monkeypatch.setattr(linear, name, fail)
+    assert program(PAPER_DRIVER, PAPER_DRIVER) == before
+    with pytest.raises(AssertionError):
+        program(LINEAR_DRIVER, PAPER_DRIVER)
+    # Nor is a plain vehicle linear, whatever its settings.
+    none = build.make_drivers([LINEAR_DRIVER, PAPER_DRIVER], [0, 2])
+    assert len(jax.tree.leaves(none)) == len(fields(Drivers)) - 1
+    world = replace(single(make_world([0, 30], [0, 0], size=2)), drivers=none)
+    seen = motion.observe(world, motion.heading_trig(world.vehicles))
+    assert seen.shortfall is neighbours.as_front(world, seen).speed is None
 
 
 @pytest.mark.parametrize("exponent", [2.0, 4.0, 6.0, 20.0])
@@ -289,9 +344,8 @@ def test_reading_what_was_built(scene):
             # Plain vehicles have no driver's parameters to read back, and absent lanes no place.
             kept = slice(0, 3) if part == "road" else slice(1, None)
             if name not in ("changes_lanes", "target_lane"):
-                np.testing.assert_allclose(
-                    value[kept], theirs[name][kept], atol=1e-15, err_msg=name
-                )
+                same = partial(np.testing.assert_allclose, atol=1e-15, err_msg=name)
+                jax.tree.map(same, taken(value, kept), taken(theirs[name], kept))
 
 
 def test_ticks_of_batched_worlds_are_those_of_single_ones_one_by_one():

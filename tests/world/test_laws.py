@@ -47,7 +47,8 @@ TOP = 40.0
 def shift(world, rng):
     """Shifted along the road it does the same, once places are rounded to those of x + s.
 
-    Left out: pushes of vehicles that are level, whose direction rounding decides.
+    Left out: pushes of vehicles that are level or equally deep in one another, whose direction
+    rounding decides.
     """
     along = float(np.float32(rng.choice([-1, 1]) * 10 ** rng.uniform(0, 6)))
     world = shifted(shifted(world, along), -along)
@@ -56,7 +57,7 @@ def shift(world, rng):
     ulp = np.finfo(float).eps * (np.abs(first.x).max() + abs(along) + 100)
     present = world.vehicles.present
     assert_same(first, second, present, NUMBERS + DECISIONS, x=2 * ulp)
-    if not level(first, present & first.impacted):
+    if not (level(first, present & first.impacted) or equally_deep(world, first)):
         assert_same(first, second, present, PUSHES, impact_x=4 * ulp, impact_y=4 * ulp)
 
 
@@ -90,6 +91,17 @@ def level(vehicles, which):
     apart = np.minimum(np.abs(x * cosine + y * sine), np.abs(y * cosine - x * sine))
     pairs = which[:, None] & which & ~np.eye(SIZE, dtype=bool)
     return (apart[pairs] <= ALIGNED).any()
+
+
+def equally_deep(world, vehicles):
+    """Whether a nudge pushes somebody in another direction, to whom they were equally deep."""
+    nudge = ALIGNED * np.random.default_rng(0).choice([-1, 1], (2, SIZE))
+    for x, y in (nudge, -nudge) if (world.vehicles.present & vehicles.impacted).any() else ():
+        nudged = after(change(world, x=world.vehicles.x + x, y=world.vehicles.y + y))
+        push = np.hypot(nudged.impact_x - vehicles.impact_x, nudged.impact_y - vehicles.impact_y)
+        if (push > 1e3 * ALIGNED).any():
+            return True
+    return False
 
 
 def reorder(world, rng):
@@ -131,7 +143,8 @@ def collisions_keep_order(world, vehicles):
     near = both & (distance <= np.maximum(reach, reach.T) + ALIGNED)
     certain = distance < np.minimum(reach, reach.T) - ALIGNED
     alone = near.sum(axis=1).max() <= 1
-    return alone and certain[near].all() and not level(vehicles, near.any(axis=1))
+    tied = level(vehicles, near.any(axis=1)) or equally_deep(world, vehicles)
+    return alone and certain[near].all() and not tied
 
 
 def reorder_distant(world, rng):
@@ -387,6 +400,15 @@ LAWS = {
 @pytest.mark.parametrize("law", LAWS)
 def test_law(law, examples):
     check(LAWS[law], examples // 15 if law.startswith("halve") else examples)
+
+
+@pytest.mark.parametrize("examples", [60, pytest.param(400, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "law", [law for law in LAWS if not law.startswith(("far", "halve", "free"))]
+)
+def test_law_with_linear_drivers(law, examples):
+    """Not how far they see, nor how they near their target speed: those are laws of the IDM."""
+    check(LAWS[law], examples, linear=True)
 
 
 @pytest.mark.slow

@@ -6,12 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from highway_env.envs import HighwayEnv
 from highway_env.road.road import Road, RoadNetwork
 from highway_env.vehicle.behavior import IDMVehicle
 
 from lanewise.interop.highway_env import build_env, command_table, read_world
 from lanewise.world import idm, mobil, motion, tick
-from lanewise.world.settings import PAPER_DRIVER, DriverSettings
+from lanewise.world.settings import LINEAR_DRIVER, PAPER_DRIVER, DriverSettings
 from lanewise.world.state import CONSTANT, RULE_BASED
 from lanewise.world.steering import slip_sine
 from small_worlds import (
@@ -193,6 +194,68 @@ def test_a_lane_without_limit_clips_no_target_speed():
     ours, theirs = both(change(world, "road", speed_limit=np.inf), 20)
     assert_equal(ours, theirs)
     assert theirs.speed[2] > 38
+
+
+def test_content_without_target_speed():
+    """The ego of `test_missing_target_speed` keeps no linear driver back."""
+    place = {"x": [0, 200, 222], "lane": [1, 0, 0], "speed": [12.5, 12.5, 8.0], "lanes": 2}
+    place |= {"timer": [1, 2, 1], "kinds": [0, 2, 1]}
+    for settings, lane in ((PAPER_DRIVER, 0), (replace(LINEAR_DRIVER, time_gap=1.5), 1)):
+        assert targets(make_world(**place, settings=settings))[1] == lane
+
+
+def test_unclipped_target_speed():
+    settings = replace(LINEAR_DRIVER, target_speed=35.0)
+    ours, theirs = both(make_world([-90, 0], [0, 0], 30, settings=settings))
+    assert_equal(ours, theirs)
+    np.testing.assert_allclose(ours.acceleration[1], 0.3 * 5)
+
+
+@pytest.mark.parametrize(("speed", "brakes"), [(11.9, True), (12.0, False)])
+def test_unprojected_speeds(speed, brakes):
+    """A leader at a right angle gets nothing further, and only its own speed counts."""
+    settings = replace(LINEAR_DRIVER, target_speed=12.0)
+    world = make_world([-90, 0, 90], [0, 0, 0], [5, 12, speed], heading=[0, 0, np.pi / 2],
+                       kinds=[0, 2, 1], settings=settings)  # fmt: skip
+    ours, theirs = both(world)
+    assert_equal(ours, theirs)
+    assert (ours.acceleration[1] < -0.02) == brakes
+
+
+@pytest.mark.parametrize("distance", [60.0, 9000.0])
+def test_slower_leader_at_any_distance(distance):
+    settings = replace(LINEAR_DRIVER, target_speed=12.0)
+    world = make_world([-90, 0, distance], [0, 0, 0], [5, 12, 2], kinds=[0, 2, 1],
+                       settings=settings)  # fmt: skip
+    ours, theirs = both(world)
+    assert_equal(ours, theirs)
+    np.testing.assert_allclose(ours.acceleration[1], -0.3 * 10)
+
+
+@pytest.mark.parametrize(("settings", "turns"), [(PAPER_DRIVER, False), (LINEAR_DRIVER, True)])
+def test_unlimited_approach(settings, turns):
+    """Far from its lane at low speed, a linear driver turns until it drives back."""
+    settings = replace(settings, target_speed=5.0, steering_limit=np.pi / 3)
+    world = make_world([-90, 0], [0, 0], 5, y=[0, 20], settings=settings)
+    ours, theirs = both(world, 30)
+    assert_equal(ours, theirs)
+    assert (ours.heading[1] < -np.pi / 2) == turns
+
+
+def test_same_random_gains():
+    """Randomised, Aggressive and Defensive vehicles are LinearVehicles with another MOBIL gain."""
+    worlds = []
+    for kind in ("Linear", "Aggressive", "Defensive"):
+        others = f"highway_env.vehicle.behavior.{kind}Vehicle"
+        action = {"type": "DiscreteAction"}
+        env = HighwayEnv(config={"action": action, "other_vehicles_type": others})
+        env.reset(seed=0)
+        worlds.append(read_world(env))
+    calm, *two = worlds
+    jax.tree.map(np.testing.assert_array_equal, *two)
+    least = change(calm, "drivers", minimum_gain=two[0].drivers.minimum_gain)
+    jax.tree.map(np.testing.assert_array_equal, least, two[0])
+    assert len(set(calm.drivers.linear.gap_gain[1:])) == 50
 
 
 @pytest.mark.parametrize(("y", "heading", "again"), [(0.3, 0.0, True), (1.9, 0.1, False)])
@@ -382,9 +445,12 @@ def test_a_car_behind_matters_at_any_distance(distance, kind, speed):
         assert targets(world)[1] == lane
 
 
-def test_drivers_may_reverse():
-    """Nearer than the jam distance to a standing car the IDM drives backwards."""
-    for vehicles in both(make_world([-90, 0, 7], [0, 0, 0], [5, 0, 0], kinds=[0, 2, 1])):
+@pytest.mark.parametrize("settings", [PAPER_DRIVER, LINEAR_DRIVER], ids=["idm", "linear"])
+def test_drivers_may_reverse(settings):
+    """Nearer than the jam distance to a standing car they drive backwards."""
+    settings = replace(settings, target_speed=12.5)
+    world = make_world([-90, 0, 7], [0, 0, 0], [5, 0, 0], kinds=[0, 2, 1], settings=settings)
+    for vehicles in both(world):
         assert vehicles.speed[1] < -0.01
 
 

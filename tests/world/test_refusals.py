@@ -1,25 +1,41 @@
 """What our world does not represent is refused by name, when highway-env is read or built."""
 
 import re
+from functools import partial
 
 import gymnasium as gym
+import jax
 import numpy as np
 import pytest
 from highway_env.envs import HighwayEnv, MergeEnv
 from highway_env.road.lane import StraightLane
 from highway_env.road.regulation import RegulatedRoad
-from highway_env.vehicle.behavior import IDMVehicle, LinearVehicle
+from highway_env.vehicle.behavior import (
+    AggressiveVehicle,
+    DefensiveVehicle,
+    IDMVehicle,
+    LinearVehicle,
+)
 from highway_env.vehicle.controller import ControlledVehicle
 from highway_env.vehicle.dynamics import BicycleVehicle
 from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Obstacle
+from highway_env.vehicle.uncertainty.estimation import MultipleModelVehicle
+from highway_env.vehicle.uncertainty.prediction import IntervalVehicle
 
 from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import SettingsError
 from lanewise.interop import highway_env_evaluation
 from lanewise.interop.highway_env import build_env, command_table, read_world
+from lanewise.world import build
+from lanewise.world.settings import (
+    AGGRESSIVE_DRIVER,
+    DEFENSIVE_DRIVER,
+    HIGHWAY_ENV_DRIVER,
+    LINEAR_DRIVER,
+)
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED
-from small_worlds import change, make_world
+from small_worlds import change, make_world, taken
 
 
 def live(**config):
@@ -95,6 +111,11 @@ def with_unlimited_lane_and_negative_speed(env):
     with_attribute("target_speed", -5.0)(env)
 
 
+def with_zero_target_beside_linear(env):
+    with_vehicle(LinearVehicle)(env)
+    with_attribute("target_speed", 0.0, 0)(env)
+
+
 REFUSED = {
     # The environment and its actions.
     "own step": (with_class_of("env", HighwayEnv, step=nothing), "Own with its own step"),
@@ -122,8 +143,19 @@ REFUSED = {
     "stretched lane": (with_lane("end", np.array([5e3, 4.0])), "straight along x"),
     "negative speed without limit": (with_unlimited_lane_and_negative_speed, "negative target"),
     # Classes of vehicles.
-    "linear": (with_vehicle(LinearVehicle), "LinearVehicle with its own act, steering_control"),
-    "controlled": (with_vehicle(ControlledVehicle), "cannot be read; use Vehicle or IDMVehicle"),
+    "interval": (with_vehicle(IntervalVehicle), "own handle_collisions, step.* Linear"),
+    "several models": (with_vehicle(MultipleModelVehicle), "MultipleModelVehicle with its own act"),
+    "two gains": (
+        with_class(LinearVehicle, ACCELERATION_PARAMETERS=[0.3, 2.0]), "ACCELERATION_PARAMETERS"
+    ),
+    "gains of text": (with_class(LinearVehicle, STEERING_PARAMETERS=["5", "8"]), "STEERING_PARAM"),
+    "gain of nan": (
+        with_class(LinearVehicle, STEERING_PARAMETERS=[5.0, float("nan")]), "STEERING_PARAM"
+    ),
+    "target speed of 0 beside linear": (
+        with_zero_target_beside_linear, "target_speed of 0 beside a LinearVehicle"
+    ),
+    "controlled": (with_vehicle(ControlledVehicle), "cannot be read; use Vehicle, IDM"),
     "bicycle": (with_vehicle(BicycleVehicle), "BicycleVehicle with its own step, clip_actions"),
     **{
         f"class with {name}": (with_class(base, **{name: value}), f"its own {name}")
@@ -134,6 +166,9 @@ REFUSED = {
             (IDMVehicle, "velocity", property(lambda self: np.zeros(2))),
             (Vehicle, "polygon", nothing),
             (IDMVehicle, "DELTA", property(lambda self: 0, nothing)),
+            (AggressiveVehicle, "acceleration_features", nothing),
+            (DefensiveVehicle, "collect_data", nothing),
+            (LinearVehicle, "KP_LATERAL", 1.0),
         )
     },
     # Vehicles.
@@ -221,6 +256,43 @@ def test_what_is_known_is_accepted(env):
     assert world.drivers.politeness[-1] == 0.3
     assert world.road.speed_limit[1] == np.inf
     assert len(set(world.drivers.exponent[1:4])) == 3
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings"),
+    [
+        (IDMVehicle, HIGHWAY_ENV_DRIVER),
+        (LinearVehicle, LINEAR_DRIVER),
+        (AggressiveVehicle, AGGRESSIVE_DRIVER),
+        (DefensiveVehicle, DEFENSIVE_DRIVER),
+    ],
+)
+def test_drivers_of_highway_env_as_settings(env, kind, settings):
+    env.road.vehicles.append(kind(env.road, [300, 0], 0, 20, target_speed=22.5))
+    theirs = taken(read_world(env).drivers, slice(-1, None))
+    ours = build.make_drivers([settings], [RULE_BASED])
+    assert (theirs.linear is None) == (settings.model == "idm")
+    jax.tree.map(partial(np.testing.assert_allclose, rtol=1e-6), ours, theirs)
+
+
+def test_linear_drivers_have_gains_of_their_own(env):
+    """Given by a class, an object, or at random; also those who have other classes' gains."""
+
+    class Own(DefensiveVehicle):
+        ACCELERATION_PARAMETERS, COMFORT_ACC_MAX = (0.1, 0.2, 0.4), 1.0
+
+    with_vehicle(Own)(env)
+    with_vehicle(AggressiveVehicle)(env)
+    for _ in range(2):
+        drawn = AggressiveVehicle.create_random(env.road)
+        drawn.randomize_behavior()
+        env.road.vehicles.append(drawn)
+    world = read_world(env)
+    linear = world.drivers.linear
+    assert linear.applies.tolist() == [False] * 4 + [True] * 4
+    assert linear.gap_gain[:6].tolist() == [2.0] * 4 + [0.4, 0.5]
+    assert len(set(linear.gap_gain[4:])) == len(set(linear.heading_gain[5:])) + 1 == 4
+    jax.tree.map(np.testing.assert_array_equal, read_world(build_env(world)).drivers.linear, linear)
 
 
 @pytest.mark.parametrize("count", [2, 3])

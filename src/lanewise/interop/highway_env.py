@@ -5,6 +5,7 @@ It speaks of version 1.12.1 and of straight roads. What may be read is in `known
 
 import operator
 from collections.abc import Callable, Iterable
+from dataclasses import is_dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,13 +14,22 @@ from highway_env.envs import HighwayEnv
 from highway_env.road.lane import StraightLane
 from highway_env.road.road import Road as HighwayRoad
 from highway_env.road.road import RoadNetwork
-from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.behavior import IDMVehicle, LinearVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
 from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import SettingsError
 from lanewise.interop import known
-from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, Drivers, Road, Vehicles, World
+from lanewise.world.state import (
+    CONSTANT,
+    EXTERNAL,
+    RULE_BASED,
+    Drivers,
+    Linear,
+    Road,
+    Vehicles,
+    World,
+)
 
 ORIGIN, DESTINATION = "0", "1"
 
@@ -82,8 +92,22 @@ def _read_drivers(vehicles: list[Any], controlled: list[Any]) -> Drivers:
         checks_collisions=_flags(v.check_collisions for v in vehicles),
         length=_floats(v.LENGTH for v in vehicles),
         width=_floats(v.WIDTH for v in vehicles),
+        linear=_read_linear(vehicles),
         **parameters,
     )
+
+
+def _read_linear(vehicles: list[Any]) -> Linear | None:
+    applies = [isinstance(vehicle, LinearVehicle) for vehicle in vehicles]
+    if not any(applies):
+        return None
+    of = [v if linear else LinearVehicle for v, linear in zip(vehicles, applies, strict=True)]
+    gains = {
+        name: _floats(getattr(v, theirs)[place] for v in of)
+        for theirs, names in known.GAINS.items()
+        for place, name in enumerate(names)
+    }
+    return Linear(applies=_flags(applies), **gains)
 
 
 def _read_vehicles(vehicles: list[Any]) -> Vehicles:
@@ -113,10 +137,10 @@ def read_world(env: Any) -> World:
     randomised ones are its own.
 
     Args:
-        env: an environment with one straight road along x, whose vehicles are plain `Vehicle`s
-            and `IDMVehicle`s. Plain vehicles that the environment's actions drive become EXTERNAL,
-            others CONSTANT. Its action type is "DiscreteAction" or "ContinuousAction", or
-            "MultiAgentAction" of one of these.
+        env: an environment with one straight road along x, whose vehicles are plain `Vehicle`s,
+            `IDMVehicle`s and `LinearVehicle`s. Plain vehicles that the environment's actions drive
+            become EXTERNAL, others CONSTANT. Its action type is "DiscreteAction" or
+            "ContinuousAction", or "MultiAgentAction" of one of these.
 
     Raises:
         SettingsError: the environment holds something that is not known to be represented.
@@ -133,12 +157,13 @@ def read_world(env: Any) -> World:
 
 def _row(part: Any, index: int) -> SimpleNamespace:
     """One vehicle's or lane's values as plain Python numbers."""
-    values = {
-        name: np.asarray(values)[index].item()
-        for name, values in vars(part).items()
-        if values is not None
-    }
-    return SimpleNamespace(**values)
+
+    def value(values: Any) -> Any:
+        if is_dataclass(values):
+            return _row(values, index)
+        return None if values is None else np.asarray(values)[index].item()
+
+    return SimpleNamespace(**{name: value(values) for name, values in vars(part).items()})
 
 
 def _present(part: Any) -> list[int]:
@@ -172,10 +197,14 @@ def _build_vehicle(road: Any, state: SimpleNamespace, driver: SimpleNamespace) -
     if driver.kind == RULE_BASED:
         if not 0 <= driver.slip_limit < 1:
             raise SettingsError(f"a slip_limit of {driver.slip_limit} is no sine below 1")
-        vehicle = IDMVehicle(*place)
+        law = driver.linear
+        vehicle = LinearVehicle(*place) if law and law.applies else IDMVehicle(*place)
         for name, theirs in known.PARAMETERS.items():
             _, setting = _CONVERTED.get(name, (float, float))
             setattr(vehicle, theirs, setting(getattr(driver, name)))
+        if isinstance(vehicle, LinearVehicle):
+            for theirs, names in known.GAINS.items():
+                setattr(vehicle, theirs, [getattr(law, name) for name in names])
         # The constructor replaces zeros by defaults, so zeros must be set afterwards.
         vehicle.target_speed = driver.target_speed
         vehicle.timer = state.timer
@@ -207,11 +236,11 @@ def build_env(
     """Make a live highway-env environment whose road and vehicles equal our world.
 
     It is not to be reset: a reset would replace the road and all vehicles. EXTERNAL and CONSTANT
-    vehicles are plain `Vehicle`s, RULE_BASED ones `IDMVehicle`s whose parameters are set on the
-    instance. One EXTERNAL vehicle takes a DiscreteAction of nine actions. Several take a tuple of
-    such actions, in their order (MultiAgentAction). Without any, the ego is vehicle 0, which must
-    be RULE_BASED and ignores actions. The observation, reward and endings are those of the first
-    driven vehicle; the observation is Kinematics with fixed ranges.
+    vehicles are plain `Vehicle`s, RULE_BASED ones `IDMVehicle`s or `LinearVehicle`s whose
+    parameters are set on the instance. One EXTERNAL vehicle takes a DiscreteAction of nine actions.
+    Several take a tuple of such actions, in their order (MultiAgentAction). Without any, the ego is
+    vehicle 0, which must be RULE_BASED and ignores actions. The observation, reward and endings are
+    those of the first driven vehicle; the observation is Kinematics with fixed ranges.
 
     Args:
         world: one world, any float type; absent vehicles are left out.

@@ -12,7 +12,7 @@ from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.envs.common.action import ContinuousAction, DiscreteAction, MultiAgentAction
 from highway_env.road.lane import StraightLane
 from highway_env.road.road import Road, RoadNetwork
-from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.behavior import IDMVehicle, LinearVehicle
 from highway_env.vehicle.controller import ControlledVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
@@ -35,13 +35,21 @@ PARAMETERS = {
     "slip_limit": "MAX_STEERING_ANGLE",
 }
 """Our name of each parameter of a driver, and highway-env's."""
+GAINS = {
+    "ACCELERATION_PARAMETERS": ("target_speed_gain", "relative_speed_gain", "gap_gain"),
+    "STEERING_PARAMETERS": ("heading_gain", "offset_gain"),
+}
+"""highway-env's lists of a linear driver's gains, and our name of each."""
 DRIVING = SIZES.union(PARAMETERS.values())
 """Numbers that are read from every `IDMVehicle`."""
+READ = {LinearVehicle: DRIVING.union(GAINS), IDMVehicle: DRIVING, Vehicle: SIZES}
+"""What is read from each class of vehicles, and from those derived from it; the first counts."""
 NUMBERS = ("position", "heading", "speed", "timer", "target_speed")
 """The state that is read as numbers, where a vehicle has it."""
 BEGINNING = frozenset(
     {"create_random", "create_from", "make_on_lane", "randomize_behavior",
-     "DEFAULT_INITIAL_SPEEDS", "DELTA_RANGE", "HISTORY_SIZE"}
+     "DEFAULT_INITIAL_SPEEDS", "DELTA_RANGE", "ACCELERATION_RANGE", "STEERING_RANGE",
+     "HISTORY_SIZE"}
 )  # fmt: skip
 """Matters only before an object is read, or to a picture."""
 
@@ -58,7 +66,7 @@ _ORIGINAL = {
     kind: _defined(kind)
     for kind in (
         AbstractEnv, ContinuousAction, DiscreteAction, MultiAgentAction, Road, RoadNetwork,
-        StraightLane, Vehicle, IDMVehicle,
+        StraightLane, *READ,
     )
 }  # fmt: skip
 """highway-env's own, before anything can have been changed."""
@@ -82,9 +90,14 @@ def _check_unchanged(thing: Any, original: type, read: frozenset[str] = frozense
 
 
 def _is_fine(value: Any, usual: Any, read: bool) -> bool:
-    """Whether it is highway-env's own, or a number that is as usual or is read."""
-    number = isinstance(value, int | float | np.number)
-    return value is usual or (number and (read or bool(value == usual)))
+    """Whether it is highway-env's own, or a number or several that are as usual or are read."""
+    if value is usual:
+        return True
+    value = value.tolist() if isinstance(value, np.ndarray) else value
+    several = isinstance(value, list | tuple) and isinstance(usual, list)
+    values, as_usual = (list(value), usual) if several else ([value], [usual])
+    numbers = all(isinstance(each, int | float | np.number) for each in values)
+    return numbers and len(values) == len(as_usual) and (read or values == as_usual)
 
 
 def check(env: Any) -> None:
@@ -205,9 +218,9 @@ def _check_controlled(env: Any) -> None:
 def _check_vehicle(vehicle: Any, road: Any) -> None:
     kind, rule_based = f"a {type(vehicle).__name__}", isinstance(vehicle, IDMVehicle)
     plain = isinstance(vehicle, Vehicle) and not isinstance(vehicle, ControlledVehicle)
-    _require(plain or rule_based, kind, "use Vehicle or IDMVehicle")
-    read = DRIVING if rule_based else SIZES
-    _check_unchanged(vehicle, IDMVehicle if rule_based else Vehicle, read)
+    _require(plain or rule_based, kind, "use Vehicle, IDMVehicle or LinearVehicle")
+    original, read = next(each for each in READ.items() if isinstance(vehicle, each[0]))
+    _check_unchanged(vehicle, original, read)
     _check_numbers(vehicle, [*read, *NUMBERS])
     place = road.network.get_closest_lane_index(vehicle.position, vehicle.heading)
     there = vehicle.lane_index == place and vehicle.lane is road.network.get_lane(place)
@@ -222,6 +235,9 @@ def _check_vehicle(vehicle: Any, road: Any) -> None:
     _require(limited or getattr(vehicle, "target_speed", 0) >= 0, what, "set one")
     if rule_based:
         _check_driver(vehicle, kind)
+    elif getattr(vehicle, "target_speed", 1) == 0:
+        alone = not any(isinstance(other, LinearVehicle) for other in road.vehicles)
+        _require(alone, f"{kind} with a target_speed of 0 beside a LinearVehicle", "leave it out")
 
 
 def _check_numbers(vehicle: Any, names: Iterable[str]) -> None:

@@ -151,6 +151,7 @@ def _world(sweep: SweepResult) -> str:
     of, axes = sweep.settings, vars(sweep.grid)
     names = ("vehicles_ahead", "speed", "first_gap", "spacing_jitter", "gap_behind")
     traffic = {name: of[f"scenario.traffic.{name}"] for name in names}
+    model = {"idm": "IDM", "linear": "the linear model"}[of["scenario.traffic.driver.model"]]
     lines = [
         f"- {sweep.episodes} greedy episodes of {of['evaluation.duration']} s from each start, "
         f"traffic from seed {sweep.seed}; lanes {of['scenario.lane_width']:g} m wide.",
@@ -158,7 +159,7 @@ def _world(sweep: SweepResult) -> str:
         f"- {traffic['vehicles_ahead']} vehicles ahead at {traffic['speed']:g} m/s, the first "
         f"{traffic['first_gap']:g} m beyond the trap, each distance ± "
         f"{traffic['spacing_jitter']:g} m, lanes at random; vehicles behind from "
-        f"{traffic['gap_behind']:g} m behind the ego. All drive by IDM and MOBIL.",
+        f"{traffic['gap_behind']:g} m behind the ego. All drive by {model} and MOBIL.",
         f"- Controller: {plain(sweep.controller)}, training seed {sweep.training_seed}; its "
         "settings are in `map.json`.",
     ]

@@ -1,6 +1,6 @@
 """Who drives the vehicles of a start: the ego, the trap cars, and traffic of some populations."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -27,7 +27,7 @@ def of_traffic(settings: TrapSettings, key: Array, count: int, speed: ArrayLike)
         return replace(same, waves=_waves(same.target_speed) if has_waves(settings) else None)
     kinds = [POPULATIONS[name] for name in traffic.populations]
     which = jax.random.randint(jax.random.fold_in(key, 0), (count,), 0, len(kinds), jnp.int32)
-    names = [field.name for field in fields(DriverSettings)]
+    names = build.NUMBERS
     shares = jax.random.uniform(jax.random.fold_in(key, 1), (len(names) + 4, count), jnp.float32)
 
     def drawn(ranges: list[tuple[float, float]], share: Array) -> Array:
@@ -43,9 +43,12 @@ def of_traffic(settings: TrapSettings, key: Array, count: int, speed: ArrayLike)
     target = drawn([kind.desired_speed for kind in kinds], desired) * speed
     numbers |= {
         "target_speed": target,
-        "changes_lanes": numbers["changes_lanes"] > 0,
         "slip_limit": slip_sine(numbers.pop("steering_limit")),
     }
+    # As many as there are populations, of which each vehicle takes those of its own.
+    linear = build.make_drivers([kind.driver for kind in kinds], [RULE_BASED] * len(kinds)).linear
+    if linear is not None:
+        numbers["linear"] = jax.tree.map(lambda values: values[which], linear)
     if has_waves(settings):
         amplitude = target * drawn([kind.wave for kind in kinds], wave)
         numbers["waves"] = Waves(target, amplitude, drawn([k.period for k in kinds], period), phase)

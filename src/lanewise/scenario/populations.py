@@ -8,9 +8,15 @@ it is a share of the scenario's traffic speed, so that populations meet the ego 
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from math import pi
 
-from lanewise.world.settings import CAR_LENGTH, PAPER_DRIVER, DriverSettings
+from lanewise.world.settings import (
+    AGGRESSIVE_DRIVER,
+    CAR_LENGTH,
+    DEFENSIVE_DRIVER,
+    HIGHWAY_ENV_DRIVER,
+    PAPER_DRIVER,
+    DriverSettings,
+)
 
 Range = tuple[float, float]
 
@@ -38,26 +44,18 @@ class Population:
         return self.wave[1] > 0
 
 
-_HIGHWAY_ENV = DriverSettings(
-    comfort_acceleration=3.0,
-    comfort_deceleration=5.0,
-    jam_distance=10.0,
-    time_gap=1.5,
-    exponent=4.0,
-    politeness=0.0,
-    minimum_gain=0.2,
-    imposed_braking=2.0,
-    change_delay=1.0,
-    acceleration_limit=6.0,
-    steering_limit=pi / 3,
-)
-
 POPULATIONS: dict[str, Population] = {
     "paper": Population(source="the paper's table of traffic parameters"),
     "highway-env": Population(
         source="IDMVehicle of highway-env 1.12.1; the exponent as randomize_behavior draws it",
-        driver=_HIGHWAY_ENV,
+        driver=HIGHWAY_ENV_DRIVER,
         ranges={"exponent": (3.5, 4.5)},
+    ),
+    "aggressive": Population(
+        source="AggressiveVehicle of highway-env 1.12.1", driver=AGGRESSIVE_DRIVER
+    ),
+    "defensive": Population(
+        source="DefensiveVehicle of highway-env 1.12.1", driver=DEFENSIVE_DRIVER
     ),
     "highd": Population(
         source="AR(4)+IDM of Zhang, Wang and Sun 2024 (arXiv 2307.03340): means over drivers on "

@@ -110,6 +110,7 @@ class TrapSettings:
     test_side_distance: Annotated[float, SideDistance] = 6.61
     """D2 in tests."""
     missing_target_speed: bool = True
-    """Keep highway-env's quirk: traffic believes that the ego and the trap cars want to stop."""
+    """Keep highway-env's quirk: traffic believes that the ego and the trap cars want to stop.
+    Drivers with the model `linear` believe that they want to keep their speed."""
     traffic: TrafficSettings = field(default_factory=TrafficSettings)
     """Ordinary traffic."""

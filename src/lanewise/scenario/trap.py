@@ -250,6 +250,8 @@ def _drivers(
     first_three = jnp.asarray([start.ego_speed, start.trap_speed, second], jnp.float32)
     own = drivers.of_first_three(settings, trap_key, first_three, start.trap_speed_wave)
     others = drivers.of_traffic(settings, traffic_key, traffic, start.traffic_speed)
+    if others.linear is not None and own.linear is None:
+        own = replace(own, linear=build.nobody_linear(3))
     everybody: Drivers = jax.tree.map(lambda *parts: jnp.concatenate(parts), own, others)
     traffic_speeds = jnp.full(traffic, start.traffic_speed, jnp.float32)
     speed = jnp.concatenate([first_three, traffic_speeds])

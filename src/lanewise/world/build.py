@@ -9,9 +9,12 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from lanewise.world.settings import CAR_LENGTH, CAR_WIDTH, DriverSettings
-from lanewise.world.state import RULE_BASED, Drivers, Vehicles, World
+from lanewise.world.settings import CAR_LENGTH, CAR_WIDTH, DriverSettings, LinearSettings
+from lanewise.world.state import RULE_BASED, Drivers, Linear, Vehicles, World
 from lanewise.world.steering import slip_sine
+
+NUMBERS = tuple(field.name for field in fields(DriverSettings) if isinstance(field.default, float))
+"""Settings of a driver that are numbers."""
 
 
 def make_drivers(
@@ -20,13 +23,10 @@ def make_drivers(
     """Drivers from the settings and the kind of each, [N].
 
     With ``missing_target_speed``, vehicles that are not rule-based seem to want to stop, as in
-    highway-env; otherwise they seem to want their setting's target speed.
+    highway-env; otherwise they seem to want their setting's target speed. ``linear`` is None unless
+    somebody drives by that model.
     """
-    of: dict[str, Any] = {
-        field.name: jnp.asarray([getattr(s, field.name) for s in settings], jnp.float32)
-        for field in fields(DriverSettings)
-        if field.name != "changes_lanes"
-    }
+    of: dict[str, Any] = dict(_columns(settings, NUMBERS))
     kind, count = jnp.asarray(kinds, jnp.int32), len(kinds)
     if missing_target_speed:
         of["target_speed"] = jnp.where(kind == RULE_BASED, of["target_speed"], 0)
@@ -37,8 +37,31 @@ def make_drivers(
         checks_collisions=jnp.ones(count, bool),
         length=jnp.full(count, CAR_LENGTH, jnp.float32),
         width=jnp.full(count, CAR_WIDTH, jnp.float32),
+        linear=_make_linear(settings, kinds),
         **of,
     )
+
+
+def _make_linear(settings: Sequence[DriverSettings], kinds: Sequence[int]) -> Linear | None:
+    rules = zip(settings, kinds, strict=True)
+    applies = [each.model == "linear" and kind == RULE_BASED for each, kind in rules]
+    if not any(applies):
+        return None
+    names = [field.name for field in fields(LinearSettings)]
+    gains = _columns([each.linear for each in settings], names)
+    return Linear(applies=jnp.asarray(applies), **gains)
+
+
+def nobody_linear(count: int) -> Linear:
+    """The linear model for ``count`` drivers of whom none drives by it."""
+    made = make_drivers([replace(DriverSettings(), model="linear")] * count, [RULE_BASED] * count)
+    assert made.linear is not None
+    return replace(made.linear, applies=jnp.zeros(count, bool))
+
+
+def _columns(rows: Sequence[object], names: Sequence[str]) -> dict[str, Array]:
+    """By name, the numbers of all rows, float32."""
+    return {name: jnp.asarray([getattr(row, name) for row in rows], jnp.float32) for name in names}
 
 
 def initial_timer(x: Array, y: Array) -> Array:

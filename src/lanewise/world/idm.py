@@ -7,15 +7,8 @@ simulations", 2000; in the form of ``highway_env.vehicle.behavior.IDMVehicle``.
 import jax.numpy as jnp
 from jax import Array
 
-from lanewise.world import neighbours
-from lanewise.world.materialize import materialize
-from lanewise.world.motion import Motion, not_zero
-from lanewise.world.neighbours import Front
-from lanewise.world.observers import Observers, all_vehicles, masked_apply
-from lanewise.world.state import Drivers, World
-
-CHANGING_COMPACTION = 20
-"""One driver in so many is changing lanes; see docs/speed.md."""
+from lanewise.world.motion import not_zero
+from lanewise.world.state import Drivers
 
 
 def power(base: Array, exponent: Array) -> Array:
@@ -48,33 +41,3 @@ def interaction(drivers: Drivers, speed: Array, closing_speed: Array, gap: Array
     """
     ratio = desired_gap(drivers, speed, closing_speed) / not_zero(gap)
     return drivers.comfort_acceleration * ratio * ratio
-
-
-def following(world: World, motion: Motion, front: Front) -> Array:
-    """Deceleration of every vehicle because of its leader, 0 without one, m/s^2; [N]."""
-    vehicles = world.vehicles
-    leader_speed = front.velocity_x * motion.cosine + front.velocity_y * motion.sine
-    braking = interaction(
-        world.drivers, vehicles.speed, vehicles.speed - leader_speed, front.x - vehicles.x
-    )
-    return jnp.where(front.exists, braking, 0)
-
-
-def accelerate(world: World, motion: Motion, target_lane: Array) -> Array:
-    """Acceleration every rule-based driver commands, within its limit, m/s^2; [N].
-
-    While it changes lanes, to the target lane int32 [N] of this tick, the smaller of two lanes'.
-    """
-
-    def behind_both(observers: Observers) -> Array:
-        front = neighbours.front(world, motion, observers, observers.own(target_lane))
-        return jnp.maximum(
-            observers.own(braking), following(observers.world, observers.motion, front)
-        )
-
-    front = neighbours.front(world, motion, all_vehicles(world, motion), motion.lane)
-    braking = materialize(world.vehicles.present, lambda: following(world, motion, front))
-    changes = motion.decides & (target_lane != motion.lane)
-    braking = masked_apply(world, motion, changes, braking, behind_both, one_in=CHANGING_COMPACTION)
-    limit = world.drivers.acceleration_limit
-    return jnp.clip(free_road(world.drivers, motion.effort) - braking, -limit, limit)

@@ -10,7 +10,7 @@ import numpy as np
 from jax import Array, lax
 from jax.typing import ArrayLike, DTypeLike
 
-from lanewise.world import bitset, idm, neighbours
+from lanewise.world import bitset, driver_model, idm, neighbours
 from lanewise.world import road as roads
 from lanewise.world.materialize import materialize, rounded
 from lanewise.world.motion import Motion
@@ -61,26 +61,14 @@ def due(world: World, motion: Motion, duration: ArrayLike) -> Array:
     )
 
 
-def _followed(world: World, rear: Rear, x: Array, velocity: tuple[Array, Array]) -> Array:
-    """Deceleration of the rear vehicle behind (x, velocity), judged by the decider's parameters."""
-    leader_speed = velocity[0] * rear.cosine + velocity[1] * rear.sine
-    return idm.interaction(world.drivers, rear.speed, rear.speed - leader_speed, x - rear.x)
-
-
 def _behind_me(world: World, motion: Motion, rear: Rear) -> Array:
-    """Deceleration of a rear vehicle behind the decider, m/s^2."""
-    return _followed(world, rear, world.vehicles.x, (motion.velocity_x, motion.velocity_y))
-
-
-def _behind(world: World, rear: Rear, front: Front) -> Array:
-    """Deceleration of a rear vehicle behind ``front``, 0 without one, m/s^2."""
-    behind_front = _followed(world, rear, front.x, (front.velocity_x, front.velocity_y))
-    return jnp.where(front.exists, behind_front, 0)
+    """Deceleration of a rear vehicle behind the decider, judged by the decider's model, m/s^2."""
+    return driver_model.interaction(world.drivers, rear, neighbours.as_front(world, motion))
 
 
 def _relief(world: World, motion: Motion, rear: Rear, front: Front) -> Array:
     """How much less a rear vehicle brakes behind ``front`` than behind the decider, m/s^2."""
-    relief = _behind_me(world, motion, rear) - _behind(world, rear, front)
+    relief = _behind_me(world, motion, rear) - driver_model.following(world.drivers, rear, front)
     return jnp.where(rear.exists, relief, 0)
 
 
@@ -89,11 +77,13 @@ def gain(world: World, motion: Motion, own: Pair, new: Pair) -> Array:
 
     Primes are after the change. The free-road terms cancel and are left out.
     """
-    my_gain = idm.following(world, motion, own.front) - idm.following(world, motion, new.front)
+    drivers, me = world.drivers, neighbours.as_rear(world, motion)
+    my_gain = driver_model.following(drivers, me, own.front)
+    my_gain -= driver_model.following(drivers, me, new.front)
     others_gain = _relief(world, motion, own.rear, own.front) - _relief(
         world, motion, new.rear, new.front
     )
-    return my_gain + world.drivers.politeness * others_gain
+    return my_gain + drivers.politeness * others_gain
 
 
 def summed_gain(world: World, motion: Motion, own: Pair, new: Pair) -> Array:
@@ -103,20 +93,21 @@ def summed_gain(world: World, motion: Motion, own: Pair, new: Pair) -> Array:
     left (`cancelled-free-road-term`). Only in float64 can this be equal.
     """
     drivers, present = world.drivers, world.vehicles.present
+    me = neighbours.as_rear(world, motion)
 
-    def predicted(effort: Array, *decelerations: Array) -> list[Array]:
-        free = rounded(present, lambda: idm.free_road(drivers, effort))
+    def predicted(follower: Rear, *decelerations: Array) -> list[Array]:
+        free = rounded(present, lambda: driver_model.free_road(drivers, follower))
         return [free - deceleration for deceleration in decelerations]
 
     def of_rear(rear: Rear, front: Front) -> list[Array]:
-        behind_me, behind_front = _behind_me(world, motion, rear), _behind(world, rear, front)
-        both = predicted(rear.effort, behind_me, behind_front)
+        behind_me = _behind_me(world, motion, rear)
+        both = predicted(rear, behind_me, driver_model.following(drivers, rear, front))
         return [jnp.where(rear.exists, acceleration, 0) for acceleration in both]
 
     mine_after, mine = predicted(
-        motion.effort,
-        idm.following(world, motion, new.front),
-        idm.following(world, motion, own.front),
+        me,
+        driver_model.following(drivers, me, new.front),
+        driver_model.following(drivers, me, own.front),
     )
     new_after, new_before = of_rear(new.rear, new.front)
     old_before, old_after = of_rear(own.rear, own.front)
@@ -128,10 +119,10 @@ def recommends(world: World, motion: Motion, own: Pair, new: Pair) -> Array:
     """Whether MOBIL recommends each vehicle a change to another lane, bool [N].
 
     The new rear vehicle must not brake harder than b_safe, and the `gain` must reach a_th. All
-    accelerations are predicted with the decider's own parameters, unclipped.
+    accelerations are predicted with the decider's own model and parameters, unclipped.
     """
     drivers = world.drivers
-    imposed = idm.free_road(drivers, new.rear.effort) - _behind_me(world, motion, new.rear)
+    imposed = driver_model.free_road(drivers, new.rear) - _behind_me(world, motion, new.rear)
     safe = ~new.rear.exists | (imposed >= -drivers.imposed_braking)
     gained = summed_gain if world.vehicles.x.dtype == jnp.float64 else gain
     return safe & (gained(world, motion, own, new) >= drivers.minimum_gain)

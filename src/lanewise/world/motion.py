@@ -47,6 +47,8 @@ class Motion(NamedTuple):
     """Speed over target speed, the base of the IDM's free-road term."""
     decides: Array
     """bool: a rule-based driver that has not crashed."""
+    shortfall: Array | None
+    """Target speed minus speed, the base of linear drivers' free-road term, m/s; None without."""
 
 
 def not_zero(value: Array) -> Array:
@@ -68,7 +70,9 @@ def heading_trig(vehicles: Vehicles) -> HeadingTrig:
 def observe(world: World, trig: HeadingTrig) -> Motion:
     """Derive what a tick needs to know of every vehicle.
 
-    The effort is max(speed, 0) / |not_zero(clip(target speed, 0, limit of the own lane))|.
+    The effort is max(speed, 0) / |not_zero(clip(target speed, 0, limit of the own lane))|. The
+    shortfall has the target speed unclipped, and is 0 for a plain vehicle without one
+    (`content-without-target-speed`).
     """
     vehicles, drivers = world.vehicles, world.drivers
     lane = roads.closest_lane(world.road, vehicles.x, vehicles.y)
@@ -76,6 +80,10 @@ def observe(world: World, trig: HeadingTrig) -> Motion:
     target_speed = jnp.clip(drivers.target_speed, 0, limit)
     cosine, sine = trig
     occupied = roads.occupied_lanes(world.road, vehicles.x, vehicles.y)
+    shortfall = None
+    if drivers.linear is not None:
+        has_target = (drivers.kind == RULE_BASED) | (drivers.target_speed != 0)
+        shortfall = jnp.where(has_target, drivers.target_speed - vehicles.speed, 0)
     return Motion(
         lane=lane,
         occupied=jnp.where(vehicles.present, occupied, 0),
@@ -85,4 +93,5 @@ def observe(world: World, trig: HeadingTrig) -> Motion:
         velocity_y=vehicles.speed * sine,
         effort=jnp.maximum(vehicles.speed, 0) / jnp.abs(not_zero(target_speed)),
         decides=vehicles.present & (drivers.kind == RULE_BASED) & ~vehicles.crashed,
+        shortfall=shortfall,
     )

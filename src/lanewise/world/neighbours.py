@@ -28,6 +28,8 @@ class Front(NamedTuple):
     """m/s."""
     velocity_y: Array
     """m/s."""
+    speed: Array | None
+    """m/s; None without linear drivers, who alone need it."""
 
 
 class Rear(NamedTuple):
@@ -45,6 +47,8 @@ class Rear(NamedTuple):
     """Of its heading."""
     effort: Array
     """Its speed over its target speed."""
+    shortfall: Array | None
+    """Its target speed minus its speed, m/s; None without linear drivers."""
 
 
 class Pair(NamedTuple):
@@ -52,6 +56,22 @@ class Pair(NamedTuple):
 
     front: Front
     rear: Rear
+
+
+def as_front(world: World, motion: Motion) -> Front:
+    """Every vehicle as the one behind it observes it, [N]."""
+    vehicles = world.vehicles
+    speed = None if world.drivers.linear is None else vehicles.speed
+    return Front(vehicles.present, vehicles.x, motion.velocity_x, motion.velocity_y, speed)
+
+
+def as_rear(world: World, motion: Motion) -> Rear:
+    """Every vehicle as the one ahead of it observes it, [N]."""
+    vehicles = world.vehicles
+    return Rear(
+        *(vehicles.present, vehicles.x, vehicles.speed, motion.cosine, motion.sine),
+        *(motion.effort, motion.shortfall),
+    )
 
 
 def front(world: World, motion: Motion, observers: Observers, lane: Array) -> Front:
@@ -66,6 +86,7 @@ def front(world: World, motion: Motion, observers: Observers, lane: Array) -> Fr
         x=observers.at(vehicles.x, found),
         velocity_x=observers.at(motion.velocity_x, found),
         velocity_y=observers.at(motion.velocity_y, found),
+        speed=None if world.drivers.linear is None else observers.at(vehicles.speed, found),
     )
 
 
@@ -80,6 +101,7 @@ def rear(world: World, motion: Motion, observers: Observers, lane: Array) -> Rea
         cosine=observers.at(motion.cosine, found),
         sine=observers.at(motion.sine, found),
         effort=observers.at(motion.effort, found),
+        shortfall=None if motion.shortfall is None else observers.at(motion.shortfall, found),
     )
 
 

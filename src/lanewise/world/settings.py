@@ -1,10 +1,10 @@
 """Settings of the road's physics and of the drivers on it. Imports no JAX."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from math import pi
 from typing import Annotated
 
-from lanewise.fields.ranges import Between
+from lanewise.fields.ranges import Between, OneOf
 
 CAR_LENGTH, CAR_WIDTH = 5.0, 2.0
 """Size of every car, m; highway-env's and the paper's."""
@@ -12,6 +12,23 @@ TOP_SPEED = 40.0
 """Beyond plus or minus this speed the *acceleration* is limited, m/s; speed itself never is."""
 FARTHEST = 131_072.0
 """A road ends this far from x = 0 both ways, m: up to there float32 places are finer than 1 cm."""
+
+
+@dataclass(frozen=True)
+class LinearSettings:
+    """Gains of a driver with the model `linear`; the defaults are those of highway-env."""
+
+    target_speed_gain: Annotated[float, Between(0.0, 10.0, "1/s")] = 0.3
+    """Acceleration for each m/s below the target speed; braking above it. The target speed is not
+    clipped to the speed limit."""
+    relative_speed_gain: Annotated[float, Between(0.0, 10.0, "1/s")] = 0.3
+    """Braking for each m/s faster than the vehicle ahead."""
+    gap_gain: Annotated[float, Between(0.0, 10.0, "1/s^2")] = 2.0
+    """Braking for each metre nearer to the vehicle ahead than the jam distance and the time gap."""
+    heading_gain: Annotated[float, Between(0.0, 20.0, "1/s")] = 5.0
+    """Turning back, in rad/s, for each radian off the direction of the lane."""
+    offset_gain: Annotated[float, Between(0.0, 50.0, "1/s^2")] = 5.0 * (1 / 0.6)
+    """Acceleration across the road, in m/s^2, for each metre off the centre of the lane."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +63,36 @@ class DriverSettings:
     """Steering angles are clipped to plus and minus this."""
     changes_lanes: bool = True
     """Whether the driver changes lanes at all."""
+    model: Annotated[str, OneOf(("idm", "linear"))] = "idm"
+    """How the driver follows a leader and its lane: by the IDM and nested gains, or as a
+    LinearVehicle of highway-env, with S0 and T of the IDM. Both change lanes by MOBIL."""
+    linear: LinearSettings = field(default_factory=LinearSettings)
+    """Gains of the model `linear`; without effect on the model `idm`."""
 
 
 PAPER_DRIVER = DriverSettings()
 """The paper's IDM and MOBIL."""
+HIGHWAY_ENV_DRIVER = DriverSettings(
+    target_speed=22.5,
+    comfort_acceleration=3.0,
+    comfort_deceleration=5.0,
+    politeness=0.0,
+    acceleration_limit=6.0,
+    steering_limit=pi / 3,
+)
+"""highway-env's ``IDMVehicle`` before its exponent is randomised. There the target speed is the
+speed at the start, by default 21 to 24 m/s; here it is the mean."""
+LINEAR_DRIVER = replace(HIGHWAY_ENV_DRIVER, model="linear", time_gap=2.5)
+"""highway-env's ``LinearVehicle`` before its gains are randomised."""
+AGGRESSIVE_DRIVER = replace(
+    LINEAR_DRIVER,
+    minimum_gain=1.0,
+    linear=LinearSettings(0.8 / (0.25 * 30), 0.8 / (0.75 * 30), 0.5),
+)
+"""highway-env's ``AggressiveVehicle`` before its gains are randomised."""
+DEFENSIVE_DRIVER = replace(
+    LINEAR_DRIVER,
+    minimum_gain=1.0,
+    linear=LinearSettings(1.2 / (0.25 * 30), 1.2 / (0.75 * 30), 2.0),
+)
+"""highway-env's ``DefensiveVehicle`` before its gains are randomised."""

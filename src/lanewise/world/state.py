@@ -20,7 +20,7 @@ EXTERNAL = 0
 CONSTANT = 1
 """Driver kind: keeps its commands for ever (the trap cars). A plain ``Vehicle`` of highway-env."""
 RULE_BASED = 2
-"""Driver kind: IDM along the road, MOBIL across it. An ``IDMVehicle`` of highway-env."""
+"""Driver kind: MOBIL and the IDM, or the `Linear` model. An ``IDMVehicle`` of highway-env."""
 
 
 @jax.tree_util.register_dataclass
@@ -57,6 +57,28 @@ class Waves:
     """[N] s."""
     phase: Array
     """[N] share of a period at time 0, 0 to 1."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Linear:
+    """Which rule-based drivers are highway-env's ``LinearVehicle``s, and their gains.
+
+    See `linear` for the equations. MOBIL, and all other numbers, are as for every driver.
+    """
+
+    applies: Array
+    """bool [N]: does the driver drive by it; the others by the IDM."""
+    target_speed_gain: Array
+    """[N] 1/s."""
+    relative_speed_gain: Array
+    """[N] 1/s."""
+    gap_gain: Array
+    """[N] 1/s^2."""
+    heading_gain: Array
+    """[N] 1/s."""
+    offset_gain: Array
+    """[N] 1/s^2."""
 
 
 @jax.tree_util.register_dataclass
@@ -101,6 +123,8 @@ class Drivers:
     """[N] m."""
     width: Array
     """[N] m."""
+    linear: Linear | None = None
+    """Those who drive by the linear model; None where nobody does, which costs nothing."""
     waves: Waves | None = None
     """Of speeds; None where nobody's swings."""
 

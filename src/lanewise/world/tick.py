@@ -13,7 +13,7 @@ from jax import Array, lax
 from jax.custom_batching import custom_vmap
 from jax.typing import ArrayLike
 
-from lanewise.world import bicycle, collision, idm, mobil, motion, steering
+from lanewise.world import bicycle, collision, driver_model, mobil, motion
 from lanewise.world.materialize import materialize, on_cpu
 from lanewise.world.motion import HeadingTrig, Motion
 from lanewise.world.state import RULE_BASED, Vehicles, World
@@ -43,8 +43,8 @@ def act(world: World, seen: Motion, duration: ArrayLike) -> World:
 
     def decided() -> dict[str, Array]:
         target_lane, timer = mobil.decide(world, seen, duration)
-        acceleration = idm.accelerate(world, seen, target_lane)
-        slip_sine = steering.keep_lane(world, target_lane)
+        acceleration = driver_model.accelerate(world, seen, target_lane)
+        slip_sine = driver_model.keep_lane(world, target_lane)
         return {
             "target_lane": target_lane,
             "timer": timer,
