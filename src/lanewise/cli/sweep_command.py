@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from lanewise import config
 from lanewise.cli import journal as journals
-from lanewise.cli.command_line import Parsed
+from lanewise.cli.command_line import Changes, Parsed, flag_of
 from lanewise.cli.journal import Journal
 from lanewise.config.settings import Settings
 from lanewise.errors import RunError, SettingsError, one_line, shell_line
@@ -21,7 +21,7 @@ from lanewise.runs.run_folder import RunFolder
 from lanewise.scenario.settings import EgoSpeed, FrontDistance, Lanes, SideDistance, TrapSpeed
 from lanewise.system import extras
 from lanewise.system.folder_io import publish
-from lanewise.system.progress import Progress
+from lanewise.system.progress import Progress, tell
 
 JOURNAL = "progress.json"
 """What is done so far, in the output folder until all is."""
@@ -59,28 +59,46 @@ class Sweep:
     """Mean distances from one traffic vehicle to the next."""
     vehicles_behind: Annotated[tuple[int, ...], Between(0, 100)] = Grid.vehicles_behind
     """Numbers of traffic vehicles behind the ego."""
+    test: Changes = field(default_factory=dict)
+    """Settings of the test; one that an axis varies is that axis's only value."""
 
 
 def run(parsed: Parsed[Sweep]) -> int:
     """Tests and draws; returns the exit code."""
     command = parsed.command
-    grid = Grid(**{axis.name: getattr(command, axis.name) for axis in fields(Grid)})
+    grid = _grid(parsed)
     folder = RunFolder.open(pretrained.locate(command.run))
-    _check(grid, folder.settings)
+    _check(grid, config.replace(folder.settings, command.test))
     extras.check()
     if (command.out / "map.md").exists():
         raise RunError(f"{command.out} is complete: see {command.out / 'map.md'}")
     journals.check_place(command.out / JOURNAL)
+    from lanewise.experiments import evaluate_trained
     from lanewise.runs import run_state, trained
 
-    controller = trained.load(command.run)
+    controller = evaluate_trained.with_changes(trained.load(command.run), command.test, tell)
     identity = _identity(command, folder, run_state.weights_digest(folder))
     journal = journals.open_(command.out / JOURNAL, identity)
     with journal.folder:
         with Progress() as reporter:
             _work(command, grid, controller, journal, reporter)
-        _report(command, grid, folder, journal)
+        trained_on = evaluate_trained.trained_on(folder.settings, controller.settings)
+        _report(command, grid, folder, (controller.settings, trained_on), journal)
     return 0
+
+
+def _grid(parsed: Parsed[Sweep]) -> Grid:
+    """The grid, where a setting of the test gives an axis its only value."""
+    axes = {axis.name: getattr(parsed.command, axis.name) for axis in fields(Grid)}
+    for axis, setting in grids.SETTINGS.items():
+        if setting not in parsed.command.test:
+            continue
+        if axis in parsed.given:
+            raise SettingsError(
+                f"{flag_of(axis)} and {flag_of(setting)} are the same axis; give one of them"
+            )
+        axes[axis] = (parsed.command.test[setting],)
+    return Grid(**axes)
 
 
 def _check(grid: Grid, settings: Settings) -> None:
@@ -133,9 +151,13 @@ def _identity(command: Sweep, folder: RunFolder, weights: str) -> dict[str, Any]
     return same
 
 
-def _report(command: Sweep, grid: Grid, folder: RunFolder, journal: Journal) -> None:
+def _report(
+    command: Sweep, grid: Grid, folder: RunFolder, test: tuple[Settings, str], journal: Journal
+) -> None:
+    """Draws the map; ``test`` are the settings driven with, and how training differed."""
     from lanewise.report import sweep_page
 
+    settings, trained_on = test
     cells = [
         Cell(point, journal.reached[index // grid.traffics], journal.outcomes[index])
         for index, point in enumerate(grid.points())
@@ -144,7 +166,8 @@ def _report(command: Sweep, grid: Grid, folder: RunFolder, journal: Journal) -> 
         controller=folder.controller,
         training_seed=folder.seed,
         trained_by=folder.source,
-        settings=config.flatten(folder.settings),
+        settings=config.flatten(settings),
+        trained_on=trained_on,
         grid=grid,
         episodes=command.episodes,
         seed=command.seed,
