@@ -221,7 +221,7 @@ def evaluate(
     Args:
         policy: a function from observations (float32 [26], or a batch [B, 26]) to actions, without
             memory; an object with ``predict`` as Stable-Baselines3's agents, which may have one;
-            or a run folder, ``pretrained/NAME``, ``reference/NAME``.
+            or a run folder, a checkpoint in one, ``pretrained/NAME``, ``reference/NAME``.
         name: in the table; ``policy`` by default. Trained controllers have their own.
         actions: what your policy chooses: ``low-level`` actions (the default), ``goal`` (used
             where the goal critic asks for a new one) or ``continuous`` acceleration and steering.

@@ -30,7 +30,7 @@ class Export:
     """
 
     run: Path = field(metadata={"positional": True})
-    """Run folder of a trained controller, or pretrained/NAME."""
+    """Run folder, finished or not, or a checkpoint in it; or pretrained/NAME."""
     out: Path = field(metadata={"short": "-o"})
     """New file to write, ending in .onnx, or in .npz for NumPy."""
     renewal: Annotated[str, OneOf(RENEWALS)] | None = None
@@ -56,6 +56,8 @@ def run(parsed: Parsed[Export]) -> int:
     from lanewise.runs import trained
 
     controller = trained.load(command.run)
+    if controller.note:
+        tell(controller.note)
     digest = RunFolder.open(pretrained.locate(command.run)).digest
     policy = contents.policy(controller, digest, command.renewal)
     formats.save(policy, command.out)

@@ -1,11 +1,12 @@
 """``lanewise sweep``: tests a trained controller over a grid of starts and draws the map."""
 
+import hashlib
 import json
 import sys
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from lanewise import config
 from lanewise.cli import journal as journals
@@ -23,6 +24,9 @@ from lanewise.system import extras
 from lanewise.system.folder_io import publish
 from lanewise.system.progress import Progress, tell
 
+if TYPE_CHECKING:
+    from lanewise.runs.trained import Trained
+
 JOURNAL = "progress.json"
 """What is done so far, in the output folder until all is."""
 
@@ -36,7 +40,7 @@ class Sweep:
     """
 
     run: Path = field(metadata={"positional": True})
-    """Run folder of a trained controller, or pretrained/NAME."""
+    """Run folder, finished or not, or a checkpoint in it; or pretrained/NAME."""
     out: Path
     """Folder for the map: new or empty, or one this command was stopped in."""
     episodes: Annotated[int, Between(1, 100_000)] = 20
@@ -74,16 +78,15 @@ def run(parsed: Parsed[Sweep]) -> int:
         raise RunError(f"{command.out} is complete: see {command.out / 'map.md'}")
     journals.check_place(command.out / JOURNAL)
     from lanewise.experiments import evaluate_trained
-    from lanewise.runs import run_state, trained
+    from lanewise.runs import trained
 
     controller = evaluate_trained.with_changes(trained.load(command.run), command.test, tell)
-    identity = _identity(command, folder, run_state.weights_digest(folder))
+    identity = _identity(command, controller)
     journal = journals.open_(command.out / JOURNAL, identity)
     with journal.folder:
         with Progress() as reporter:
             _work(command, grid, controller, journal, reporter)
-        trained_on = evaluate_trained.trained_on(folder.settings, controller.settings)
-        _report(command, grid, folder, (controller.settings, trained_on), journal)
+        _report(command, grid, folder, controller, journal)
     return 0
 
 
@@ -115,7 +118,7 @@ def _check(grid: Grid, settings: Settings) -> None:
 
 
 def _work(
-    command: Sweep, grid: Grid, controller: Any, journal: Journal, reporter: Progress
+    command: Sweep, grid: Grid, controller: "Trained", journal: Journal, reporter: Progress
 ) -> None:
     """Does what the journal lacks."""
     from lanewise.evaluation import sweep
@@ -143,31 +146,33 @@ def _work(
         reporter.update(len(journal.outcomes), success_rate=rate)
 
 
-def _identity(command: Sweep, folder: RunFolder, weights: str) -> dict[str, Any]:
+def _identity(command: Sweep, controller: "Trained") -> dict[str, Any]:
     """What must be the same for a journal to be continued."""
+    from lanewise.runs import checkpoint
+
+    weights = hashlib.sha256(checkpoint.pack(controller.parameters)).hexdigest()
     asked = {name: value for name, value in vars(command).items() if name not in ("run", "out")}
-    plain = {"kind": "Sweep", "controller": folder.controller, "weights": weights, **asked}
+    plain = {"kind": "Sweep", "controller": controller.name, "weights": weights, **asked}
     same: dict[str, Any] = json.loads(json.dumps(plain))
     return same
 
 
 def _report(
-    command: Sweep, grid: Grid, folder: RunFolder, test: tuple[Settings, str], journal: Journal
+    command: Sweep, grid: Grid, folder: RunFolder, controller: "Trained", journal: Journal
 ) -> None:
-    """Draws the map; ``test`` are the settings driven with, and how training differed."""
+    from lanewise.experiments import evaluate_trained
     from lanewise.report import sweep_page
 
-    settings, trained_on = test
     cells = [
         Cell(point, journal.reached[index // grid.traffics], journal.outcomes[index])
         for index, point in enumerate(grid.points())
     ]
     found = sweep_page.SweepResult(
-        controller=folder.controller,
+        controller=controller.name,
         training_seed=folder.seed,
         trained_by=folder.source,
-        settings=config.flatten(settings),
-        trained_on=trained_on,
+        settings=config.flatten(controller.settings),
+        trained_on=evaluate_trained.trained_on(folder.settings, controller.settings),
         grid=grid,
         episodes=command.episodes,
         seed=command.seed,

@@ -20,7 +20,7 @@ class Watch:
     """Draw one test episode from above, with goal, speed and reward."""
 
     run: Path = field(metadata={"positional": True})
-    """Run folder of a trained controller, pretrained/NAME or reference/NAME."""
+    """Run folder, finished or not, or a checkpoint in it; or pretrained/NAME or reference/NAME."""
     out: Path = field(metadata={"short": "-o"})
     """Clip to write, ending in .gif or .mp4."""
     seed: Annotated[int, SEEDS] = 0

@@ -19,7 +19,9 @@ from lanewise.training import recipe
 def with_changes(
     trained: Trained, changes: Mapping[str, object], tell: Callable[[str], None]
 ) -> Trained:
-    """The controller, to be tested with other settings than its own; ``tell`` says which differ.
+    """The controller, to be tested with other settings than its own.
+
+    ``tell`` says which settings differ, and which weights they are of an unfinished run.
 
     Raises:
         SettingsError: a setting is no test's, is out of range or contradicts another.
@@ -28,6 +30,8 @@ def with_changes(
         if not of_test(name):
             raise SettingsError(f"{name}: a trained controller keeps its own")
     settings = config.replace(trained.settings, changes)
+    if trained.note:
+        tell(trained.note)
     if trained.parameters and (line := trained_on(trained.settings, settings)):
         tell(f"{trained.name} was {line}")
     return replace(trained, settings=settings)
