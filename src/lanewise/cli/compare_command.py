@@ -79,7 +79,7 @@ def run(parsed: Parsed[Compare]) -> int:
         loaded = controllers[number]
         if loaded.note:
             tell(loaded.note)
-        if line := evaluate_trained.trained_on(loaded.settings, own):
+        if line := evaluate_trained.trained_on(loaded, own):
             tell(f"{path} was {line}")
         controllers[number] = dataclasses.replace(loaded, settings=own)
         entries[number] = dataclasses.replace(entries[number], controller=loaded.name)

@@ -80,13 +80,15 @@ def run(parsed: Parsed[Sweep]) -> int:
     from lanewise.experiments import evaluate_trained
     from lanewise.runs import trained
 
-    controller = evaluate_trained.with_changes(trained.load(command.run), command.test, tell)
+    loaded = trained.load(command.run)
+    controller = evaluate_trained.with_changes(loaded, command.test, tell)
     identity = _identity(command, controller)
     journal = journals.open_(command.out / JOURNAL, identity)
     with journal.folder:
         with Progress() as reporter:
             _work(command, grid, controller, journal, reporter)
-        _report(command, grid, folder, controller, journal)
+        trained_on = evaluate_trained.trained_on(loaded, controller.settings)
+        _report(command, grid, folder, (controller, trained_on), journal)
     return 0
 
 
@@ -158,11 +160,12 @@ def _identity(command: Sweep, controller: "Trained") -> dict[str, Any]:
 
 
 def _report(
-    command: Sweep, grid: Grid, folder: RunFolder, controller: "Trained", journal: Journal
+    command: Sweep, grid: Grid, folder: RunFolder, test: "tuple[Trained, str]", journal: Journal
 ) -> None:
-    from lanewise.experiments import evaluate_trained
+    """Draws the map; ``test`` is who drove, and how its training differed."""
     from lanewise.report import sweep_page
 
+    controller, trained_on = test
     cells = [
         Cell(point, journal.reached[index // grid.traffics], journal.outcomes[index])
         for index, point in enumerate(grid.points())
@@ -172,7 +175,7 @@ def _report(
         training_seed=folder.seed,
         trained_by=folder.source,
         settings=config.flatten(controller.settings),
-        trained_on=evaluate_trained.trained_on(folder.settings, controller.settings),
+        trained_on=trained_on,
         grid=grid,
         episodes=command.episodes,
         seed=command.seed,

@@ -1,13 +1,13 @@
 """Trained controllers ready to drive."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from lanewise.config.settings import Settings
 from lanewise.controllers.controller import Parameters
 from lanewise.controllers.registry import CONTROLLERS
 from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions
-from lanewise.errors import RunError, shell_line
+from lanewise.errors import CheckpointError, RunError, shell_line
 from lanewise.runs import checkpoint, pretrained, run_state
 from lanewise.runs.run_folder import CONTROLLER, STAGES, RunFolder, split
 from lanewise.training import selection
@@ -28,7 +28,9 @@ class Trained:
     parameters: Parameters
     """Of all its levels."""
     task: TaskFunctions = PAPER_TASK
-    """The user's own functions it was trained with."""
+    """How episodes start, and what is observed, rewarded and counted as success, when it drives."""
+    trained_with: tuple[str, ...] = ()
+    """Names of the user's own functions it was trained with (`TaskFunctions.names`)."""
     note: str = ""
     """One line on which weights these are; empty for those of a finished run."""
 
@@ -42,24 +44,41 @@ def load(path: Path, task: TaskFunctions = PAPER_TASK) -> Trained:
     Args:
         path: a run folder; a checkpoint or a finished stage within one, whose last weights are
             taken; ``pretrained/NAME`` or ``reference/NAME``.
-        task: the user's own functions it was trained with.
+        task: the user's own functions it is to drive with. The run may have been trained with
+            others, except that one trained with its own observation needs one that fits.
 
     Raises:
         LanewiseError: there is no such run, it has no weights yet, or a file is damaged.
     """
     if name := pretrained.reference_name(path):
-        return Trained(name, Settings(), 0, {})
+        return Trained(name, Settings(), 0, {}, task)
     folder, stored = RunFolder.open(pretrained.locate(path)), split(path)[1]
-    folder.check_parts(task.names())
-    plan = TrainingPlan.build(folder.settings, folder.controller, task)
-    if stored is not None:
-        name, weights, note = _stored(folder, plan, stored)
-    elif run_state.is_finished(folder):
-        name, weights, note = folder.controller, _finished(folder, plan), ""
-    else:
-        name, weights, note = _unfinished(folder, plan)
+    plan = TrainingPlan.build(folder.settings, folder.controller, _of_training(folder, task))
+    try:
+        if stored is not None:
+            name, weights, note = _stored(folder, plan, stored)
+        elif run_state.is_finished(folder):
+            name, weights, note = folder.controller, _finished(folder, plan), ""
+        else:
+            name, weights, note = _unfinished(folder, plan)
+    except CheckpointError as error:
+        if plan.task.names() == folder.task:
+            raise
+        raise RunError(f"{error}\n  the run was made with {'; '.join(folder.task)}") from error
     note = note and f"{path} {note}"
-    return Trained(name, folder.settings, folder.seed, weights, task, note)
+    return Trained(name, folder.settings, folder.seed, weights, task, folder.task, note)
+
+
+def _of_training(folder: RunFolder, task: TaskFunctions) -> TaskFunctions:
+    """The functions by which a run's arrays have their shapes, as far as they are known.
+
+    Those that it was trained with are taken from ``task``, by whatever name they have there.
+    """
+    own = {each.partition(":")[0] for each in folder.task}
+    if "observe" in own and task.observe is PAPER_TASK.observe:
+        folder.check_parts(task.names())
+    known = (each.name for each in fields(TaskFunctions) if each.name in own)
+    return TaskFunctions(**{name: getattr(task, name) for name in known})
 
 
 def _finished(folder: RunFolder, plan: TrainingPlan) -> Parameters:
