@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lanewise.cli.command_line import Parsed
+from lanewise.cli.command_line import Changes, Parsed, flag_of
 from lanewise.cli.evaluate_command import check_renewal
 from lanewise.controllers.registry import CONTROLLERS
 from lanewise.controllers.settings import RENEWALS
@@ -37,11 +37,13 @@ class Export:
     """When the goal is renewed, instead of what the run's settings say."""
     check: Annotated[int, Between(0, 10_000_000)] = 0
     """Compare at least this many decisions with the controller's, which drives from training
-    starts."""
+    starts, or from test starts if --scenario.* is given."""
     seed: Annotated[int, SEEDS] = 0
     """Seed of these starts."""
     json: bool = False
     """Print one JSON object instead of a line."""
+    test: Changes = field(default_factory=dict)
+    """Settings of the drives of --check."""
 
 
 def run(parsed: Parsed[Export]) -> int:
@@ -51,13 +53,14 @@ def run(parsed: Parsed[Export]) -> int:
     if reason := CONTROLLERS[name].not_exportable:
         raise RunError(f"{command.run} cannot be exported: {reason}")
     check_renewal(command.renewal, command.run, name)
+    if command.test and not command.check:
+        raise RunError(f"{flag_of(next(iter(command.test)))} is for --check N; give both")
     formats.check(command.out, reading=command.check > 0)
+    from lanewise.experiments import evaluate_trained
     from lanewise.export import contents
     from lanewise.runs import trained
 
-    controller = trained.load(command.run)
-    if controller.note:
-        tell(controller.note)
+    controller = evaluate_trained.with_changes(trained.load(command.run), command.test, tell)
     digest = RunFolder.open(pretrained.locate(command.run)).digest
     policy = contents.policy(controller, digest, command.renewal)
     formats.save(policy, command.out)
@@ -85,4 +88,5 @@ def _compare(controller: "Trained", command: Export) -> "Agreement":
             command.seed,
             command.renewal,
             reporter.update,
+            "test" if any(name.startswith("scenario.") for name in command.test) else "training",
         )
