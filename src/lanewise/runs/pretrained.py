@@ -13,6 +13,8 @@ from lanewise.runs.run_folder import RunFolder, split
 
 PRETRAINED = Path(__file__).parent / "pretrained"
 """Where the trained ones lie."""
+DRIVER = Path("pretrained/hierarchical")
+"""Who is tested and drawn where no run is named."""
 
 
 def names() -> tuple[str, ...]:
