@@ -73,6 +73,7 @@ def _policy(folder):
 
 
 FINISHED, STOPPED, METRICS = "finished run", "stopped run", "metrics of a finished run"
+UNFINISHED = "weights of a stopped run"
 POLICY, BY_HAND, OWN_EXPERIMENT = "exported policy", "settings by hand", "experiment by hand"
 TEST, JOURNAL = "stored test", "journal of a sweep"
 NEWEST = "run/checkpoints/stage-01-chunk-00000003"
@@ -89,6 +90,11 @@ TARGETS = (
             *("run/metrics.jsonl", f"{NEWEST}.json", f"{NEWEST}.safetensors"),
         ),
         _stopped,
+    ),
+    Target(
+        UNFINISHED,
+        (f"{NEWEST}.json", f"{NEWEST}.safetensors"),
+        lambda folder: trained.load(folder / f"{NEWEST}.json").parameters,
     ),
     Target(
         METRICS,
@@ -123,7 +129,9 @@ TARGETS = (
 
 def make(out: Path, whole: Path, stopped: Path) -> None:
     """Write a folder of each target, from a finished run and one that was stopped in step 2."""
-    for name, run in ((FINISHED, whole), (STOPPED, stopped), (METRICS, whole)):
+    for name, run in zip(
+        (FINISHED, STOPPED, UNFINISHED, METRICS), (whole, stopped, stopped, whole), strict=True
+    ):
         shutil.copytree(run, out / name / "run")
     for file in (out / STOPPED).glob("run/checkpoints/*"):
         if not file.match(f"{NEWEST}.*"):

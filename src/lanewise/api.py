@@ -122,7 +122,7 @@ def train(
         preset: a training preset; ``quick`` by default.
         trap: a scenario preset; ``trap-10`` by default.
         task: your own functions for start, observation, reward and success. The run stores their
-            names; `evaluate` and ``resume`` need the same functions.
+            names; ``resume`` needs the same functions, `evaluate` an observation that fits.
         high_level_of: a run whose finished step 1 is taken over; only step 2 is then trained.
         resume: continue the run in the folder, to the same bits as if it had never stopped, with
             its own settings and seed.
@@ -221,7 +221,7 @@ def evaluate(
     Args:
         policy: a function from observations (float32 [26], or a batch [B, 26]) to actions, without
             memory; an object with ``predict`` as Stable-Baselines3's agents, which may have one;
-            or a run folder, ``pretrained/NAME``, ``reference/NAME``.
+            or a run folder, a checkpoint in one, ``pretrained/NAME``, ``reference/NAME``.
         name: in the table; ``policy`` by default. Trained controllers have their own.
         actions: what your policy chooses: ``low-level`` actions (the default), ``goal`` (used
             where the goal critic asks for a new one) or ``continuous`` acceleration and steering.
@@ -233,8 +233,9 @@ def evaluate(
             answers the same observation differently; False for a random policy.
         quiet: show no progress.
         settings: as of `lanewise.envs.functional.make`, such as ``duration``, ``task`` and any
-            setting of scenario and driving. Of a trained controller only ``duration`` and the
-            scenario may be others than its own, and it needs the ``task`` it was trained with.
+            setting of scenario and driving. Of a trained controller ``duration``, the scenario
+            and ``task`` may be others than in its training, as long as its networks fit the
+            observation. A line on standard error says what differs.
 
     Returns:
         Metrics, outcomes, and episodes to look at.
@@ -280,19 +281,16 @@ def _ours(
     policy: str | Path | Trained, world: str, episodes: int, seed: int, quiet: bool, settings: Any
 ) -> Evaluation:
     """The test of a trained controller."""
-    task = checked(settings.pop("task")) if "task" in settings else None
+    task = checked(settings.pop("task")) if "task" in settings else PAPER_TASK
     if "duration" in settings:
         settings["evaluation.duration"] = settings.pop("duration")
     changes = keywords.in_full(settings, SECTIONS)
     if isinstance(policy, Trained):
-        controller = policy
+        controller = replace(policy, task=task) if task != PAPER_TASK else policy
     else:
         path = PATH.check("policy", policy)
         with _file_errors("read", path):
-            controller = trained.load(path, PAPER_TASK if task is None else task)
-    if task is not None and task != controller.task:
-        made = "; ".join(controller.task.names()) or "no task functions of the user's own"
-        raise RunError(f"task: {controller.name} was made with {made}; give no others")
+            controller = trained.load(path, task)
     with Progress(quiet=quiet) as reporter:
         controller = evaluate_trained.with_changes(controller, changes, reporter.note)
         config = evaluate_trained.evaluation_config(controller)

@@ -12,10 +12,13 @@ import pytest
 from lanewise import __version__, config
 from lanewise.cli import compare_command, doctor_command, train_command
 from lanewise.cli.command_line import parse
+from lanewise.cli.evaluate_command import Evaluate
 from lanewise.cli.main import COMMANDS, command_class, main
+from lanewise.cli.watch_command import Watch
 from lanewise.config.settings import Settings
 from lanewise.errors import SettingsError
 from lanewise.fields.docstrings import of_fields
+from lanewise.runs import pretrained
 from lanewise.runs.run_folder import RunFolder
 
 TRAIN = ["train", "hierarchical", "--out", "run"]
@@ -129,6 +132,15 @@ def test_a_list_takes_every_word_that_belongs_to_no_flag():
     assert parsed.command.csv == Path("d.csv")
 
 
+def test_without_a_run_the_shipped_driver_is_tested_and_drawn(capsys):
+    for command, words in ((Evaluate, []), (Watch, ["-o", "clip.gif"])):
+        run = parse(command, [*words, "--seed", "1"]).command.run
+        assert run == pretrained.DRIVER
+        assert pretrained.controller_name(run) == "hierarchical"
+    assert main(["evaluate", "--help"]) == 0
+    assert f"(default: {pretrained.DRIVER})" in " ".join(capsys.readouterr().out.split())
+
+
 def test_a_test_takes_settings_of_its_own_and_no_others():
     words = ["a", "b", "--scenario.trap_speed", "8", "--evaluation.duration=60"]
     wanted = {"scenario.trap_speed": 8.0, "evaluation.duration": 60}
@@ -189,6 +201,8 @@ def test_help_lists_every_setting_with_text_default_and_range(capsys):
     [
         "train [OPTIONS] CONTROLLER --out PATH",
         "compare [OPTIONS] RUNS ...",
+        "evaluate [OPTIONS] [RUN]",
+        "watch [OPTIONS] [RUN] --out PATH",
         "bench [OPTIONS] [PARTS ...]",
         "doctor [OPTIONS]",
     ],

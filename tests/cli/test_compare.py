@@ -189,7 +189,7 @@ def test_all_drive_the_scenario_of_one(runs, capsys):
         (["s0", "s1", "s0"], "s0 and s0 are the same run twice: single-level, the same settings"),
         (["s0", "s1", "--markdown", "c.md", "--csv", "./c.md"], "c.md is named for two results;"),
         (["s0", "s1", "--csv", "s0"], "cannot write s0: a folder has that name"),
-        (["s0", "begun"], "begun is not finished; lanewise train single-level --out begun"),
+        (["s0", "begun"], "begun is not finished and has no weights yet; lanewise train"),
     ],
 )
 def test_refusals(runs, capsys, words, hint):

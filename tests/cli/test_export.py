@@ -25,7 +25,8 @@ def test_the_written_file_is_compared_with_the_controller(tmp_path, capsys, monk
     monkeypatch.setattr(evaluator, "BLOCK", 4)
     for ending in ("npz", "onnx"):
         out = tmp_path / f"policy.{ending}"
-        assert main(["export", FLAT, "--out", str(out), "--check", "150", "--json"]) == 0
+        words = ["--check", "150", "--json", "--scenario.lanes", "4", "--evaluation.duration", "9"]
+        assert main(["export", FLAT, "--out", str(out), *words]) == 0
         found = json.loads(capsys.readouterr().out)
         assert (found["controller"], found["out"]) == ("single-level", str(out))
         assert found["check"]["same"] == found["check"]["states"] >= 150
@@ -36,6 +37,25 @@ def test_a_difference_is_an_exit_code(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(check, "agreement", lambda *given: made)
     assert main(["export", FLAT, "-o", str(tmp_path / "a.npz"), "--check", "5"]) == 1
     assert "10 decisions: 8 the same, 1 tied, 1 different" in capsys.readouterr().out
+
+
+def test_the_check_drives_where_it_is_told_to(tmp_path, capsys, monkeypatch):
+    told = []
+    monkeypatch.setattr(check, "agreement", lambda *given: told.append(given) or Agreement())
+    elsewhere = ("--scenario.lanes", "4", "--evaluation.duration", "5")
+    for number, words in enumerate((elsewhere, elsewhere[2:], ())):
+        out = tmp_path / f"{number}.npz"
+        assert main(["export", FLAT, "-o", str(out), "--check", "5", *words]) == 0
+    differs = (
+        "single-level was trained on scenario.lanes 3 (here 4), evaluation.duration 25 (here 5)"
+    )
+    assert differs in capsys.readouterr().err
+    driven = [(given[0].settings, given[-1]) for given in told]
+    assert [each.scenario.lanes for each, _ in driven] == [4, 3, 3]
+    assert [each.evaluation.duration for each, _ in driven] == [5, 5, 25]
+    assert [split for _, split in driven] == ["test", "training", "training"]
+    policies = [numpy_policy.load(tmp_path / f"{number}.npz").about for number in (0, 2)]
+    assert policies[0] == policies[1]
 
 
 def test_goals_may_be_renewed_otherwise(tmp_path):
@@ -54,6 +74,7 @@ def test_refusals(tmp_path, capsys):
         ((FLAT, "--out", tmp_path / "a.pt"), "--out must end in"),
         ((FLAT,), "missing --out"),
         ((FLAT, "--out", out, "--renewal", "critic"), "has no goals"),
+        ((FLAT, "--out", out, "--scenario.lanes", "4"), "--scenario.lanes is for --check N; give"),
         ((tmp_path / "none", "--out", out), str(tmp_path)),
         (("reference/rule-based", "--out", out), "reference/rule-based cannot be exported: "),
         (("reference/search", "--out", out), "reference/search cannot be exported: "),

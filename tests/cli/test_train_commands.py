@@ -139,6 +139,10 @@ def test_sweep_refuses_before_it_works(whole, tmp_path, capsys):
     ):
         assert main(sweep_words(whole, tmp_path / "map", **changes)) == 2
         assert hint in capsys.readouterr().err
+    twice = ["--scenario.lanes", "3"]
+    assert main(sweep_words(whole, tmp_path / "map") + twice) == 2
+    said = capsys.readouterr().err
+    assert "--lanes and --scenario.lanes are the same axis; give one of them" in said
     assert not (tmp_path / "map").exists()
     with folder_io.lock(tmp_path / "busy", "sweeping"):
         assert main(sweep_words(whole, tmp_path / "busy")) == 2
@@ -147,6 +151,29 @@ def test_sweep_refuses_before_it_works(whole, tmp_path, capsys):
     (tmp_path / "note").write_text("mine")
     assert main(sweep_words(whole, tmp_path)) == 2
     assert "holds no sweep" in capsys.readouterr().err
+
+
+def test_a_sweep_in_another_scenario(whole, tmp_path, monkeypatch, capsys):
+    driven = []
+
+    def drive(test, parameters, seed, episodes, points, first):
+        driven.append((test.scenario, test.duration, points))
+        return [[PointResult(2, 2, *[0] * len(CAUSES), 8.0, 10.0, 2) for _ in points]]
+
+    monkeypatch.setattr(drives, "reach", lambda *_: [Reach(True, True, True, "0", 1)])
+    monkeypatch.setattr(drives, "run", drive)
+    words = ["sweep", str(whole), "--out", str(tmp_path / "map"), "--ego-speed", "9"]
+    words += ["--trap-speed", "10", "--front-distance", "15", "--side-distance", "5"]
+    words += ["--scenario.lanes", "4", "--scenario.lane-width", "3.5", "--evaluation.duration", "9"]
+    assert main(words) == 0
+    changes = "scenario.lanes 3 (here 4), scenario.lane_width 4.0 (here 3.5), evaluation.duration"
+    assert f"hierarchical was trained on {changes} 4 (here 9)\n" in capsys.readouterr().err
+    ((scenario, duration, (point,)),) = driven
+    assert (scenario.lane_width, duration, point.lanes) == (3.5, 18, 4)
+    found = json.loads((tmp_path / "map" / "map.json").read_text())
+    assert found["settings"]["scenario.lane_width"] == 3.5
+    assert "scenario.lane_width 4.0 (here 3.5)" in found["trained_on"]
+    assert "It was trained on scenario.lanes 3" in (tmp_path / "map" / "map.md").read_text()
 
 
 def test_a_sweep_writes_into_no_other_folder(whole, tmp_path, monkeypatch, capsys):

@@ -90,6 +90,35 @@ def test_an_episode_that_is_over_wants_a_reset(env):
         env.step(99)
 
 
+def test_info_tells_of_the_vehicle_ahead(env):
+    info = env.reset(seed=1)[1]
+    assert (type(info["lane"]), info["lane"]) == (int, 0)
+    assert 9.8 <= info["gap_ahead"] <= 11.44  # D1 less a car length
+    assert info["time_to_collision"] == np.inf
+    faster = FASTER_BY_ID.get(env.spec.id, FASTER)
+    closer = env.step(faster)[4]
+    assert closer["gap_ahead"] < info["gap_ahead"]
+    if "Goal" not in env.spec.id:
+        approach = closer["speed"] - 10.0
+        assert closer["time_to_collision"] == pytest.approx(closer["gap_ahead"] / approach)
+
+
+def test_info_of_highway_env_is_its_own():
+    env = make("lanewise/TrapHighwayEnv-v0")
+    env.reset(seed=2)
+    met = 0
+    for action in (1, 1, 1, 8, 8, 6, 4, 4, 4, 7):
+        info, road = env.step(action)[4], env.unwrapped.highway_env.unwrapped.road
+        ego = env.unwrapped.highway_env.unwrapped.vehicle
+        front, _ = road.neighbour_vehicles(ego, ego.lane_index)
+        assert info["lane"] == ego.lane_index[2]
+        gap = np.inf if front is None else front.position[0] - ego.position[0] - 5.0
+        assert info["gap_ahead"] == pytest.approx(gap, abs=1e-3)
+        met += np.isfinite(gap)
+    env.close()
+    assert met > 3
+
+
 def test_pictures_are_drawn_without_a_window(env):
     env.reset(seed=0)
     picture = env.render()

@@ -16,6 +16,7 @@ from lanewise.evaluation import metrics
 from lanewise.fields.ranges import FieldType
 from lanewise.report import tables
 from lanewise.runs import trained
+from lanewise.scenario import trap
 
 
 class Agent:
@@ -31,9 +32,23 @@ def hurry(settings, world, steering, accident):
     return world.vehicles.speed[0]
 
 
+def short(settings, world):
+    return world.vehicles.x[:3]
+
+
+def halted(settings, key, split):
+    """A start that heeds no `ego_driver`."""
+    return trap.sample(dataclasses.replace(settings, ego_driver="controller"), key, split)
+
+
+def quick_at_once(world):
+    return world.vehicles.speed[0] > 0.0
+
+
 OURS = "pretrained/single-level"
 PARTS = lanewise.TaskFunctions(reward=hurry)
-NO_PARTS = "task: .* made with no task functions of the user's own"
+SHORT = lanewise.TaskFunctions(observe=short)
+HALTED = lanewise.TaskFunctions(start=halted)
 NO_COUNT = "episodes must be between 1 and 10000000, got"
 
 
@@ -46,8 +61,9 @@ NO_COUNT = "episodes must be between 1 and 10000000, got"
         (OURS, {"name": "mine"}, "^name: .* leave it out$"),
         (OURS, {"deterministic": False}, "^deterministic: .* leave it out$"),
         ("reference/rule-based", {"batched": "x"}, "^batched: .* leave it out$"),
-        ("reference/rule-based", {"task": PARTS}, NO_PARTS),
-        (trained.load(Path("reference/search")), {"task": PARTS}, NO_PARTS),
+        (OURS, {"task": SHORT}, "^observe: short returns 3 numbers; the networks .* observe 26$"),
+        (trained.load(Path(OURS)), {"task": SHORT}, "^observe: short returns 3 numbers"),
+        ("reference/rule-based", {"task": HALTED}, "^start: halted must leave the ego to the rule"),
         (Agent(), {"batched": False}, r"batched: .* leave it out"),
         (idle, {"actions": "gaol"}, "did you mean goal"),
         (idle, {"batched": "x"}, 'batched: expected true or false, got "x"'),
@@ -142,6 +158,21 @@ def test_the_published_figures_stand_beside_the_papers_test_alone(
     for shown in (str(tested), tested.table()):
         assert ("97.67" in shown) == (why == "")
         assert (tables.LEFT_OUT in shown) == (why != "")
+
+
+@pytest.mark.parametrize("policy", [OURS, trained.load(Path(OURS))], ids=["path", "loaded"])
+def test_a_controller_of_ours_drives_in_a_task_of_ones_own(policy, capsys):
+    task = lanewise.TaskFunctions(start=halted, reward=hurry, success=quick_at_once)
+    found = lanewise.evaluate(policy, task=task, episodes=3, duration=2, vehicles_ahead=0)
+    assert (found.episodes.success == (found.episodes.accident == 0)).all()
+    # One a second, and it is the speed, m/s.
+    assert (found.episodes.accumulated_reward > 10.0).all()
+    said = " ".join(capsys.readouterr().err.split())
+    assert "single-level was trained on scenario.traffic.vehicles_ahead 9 (here 0), " in said
+    assert f"start the paper's (here {__name__}.halted), reward the paper's (here " in said
+    assert found.record(0).accumulated_reward[-1] == pytest.approx(
+        found.episodes.accumulated_reward[0], rel=1e-5
+    )
 
 
 def test_a_controller_of_ours_brings_the_settings_that_decide_this(monkeypatch, found):

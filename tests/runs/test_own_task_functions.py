@@ -33,6 +33,10 @@ def place_and_speed(settings, world):
     return jnp.stack([vehicles.x[0] / 100.0, vehicles.y[0] / 4.0, vehicles.speed[0] / 15.0])
 
 
+def speed_alone(settings, world):
+    return world.vehicles.speed[:1]
+
+
 def started(world):
     return world.vehicles.x[0] > 0.0
 
@@ -118,8 +122,12 @@ def test_a_run_is_trained_and_tested_with_them_and_not_mistaken_for_another(tmp_
         lanewise.evaluate(run)
     assert main(["evaluate", str(run)]) == 2
     assert "test_own_task_functions.hurry" in capsys.readouterr().err
-    with pytest.raises(RunError, match="no task functions of the user's own"):
-        lanewise.evaluate("pretrained/single-level", task=PARTS)
+    capsys.readouterr()
+    lanewise.evaluate(run, task=lanewise.TaskFunctions(observe=place_and_speed), episodes=4)
+    differs = "reward test_own_task_functions.hurry (here the paper's), success test_own_task_fun"
+    assert f"single-level was trained on {differs}" in capsys.readouterr().err
+    with pytest.raises(RunError, match=r"\(3, 16\).*\n  the run was made with observe: test_own"):
+        lanewise.evaluate(run, task=lanewise.TaskFunctions(observe=speed_alone))
     with pytest.raises(RunError, match="finished"):
         lanewise.train(run, "single-level", task=PARTS, resume=True)
 

@@ -15,7 +15,7 @@ from lanewise.errors import RunError, shell_line
 from lanewise.evaluation.settings import WORLDS
 from lanewise.experiments.published import belongs_to_test
 from lanewise.fields.ranges import EPISODES, SEEDS, OneOf, show
-from lanewise.runs import pretrained
+from lanewise.runs import pretrained, run_folder
 from lanewise.runs.run_folder import RunFolder
 from lanewise.system.progress import Progress, tell
 
@@ -33,8 +33,8 @@ class Compare:
     """
 
     runs: tuple[Path, ...] = field(metadata={"positional": True})
-    """Run folders of trained controllers, or pretrained/NAME; at least two, and differences are to
-    the first."""
+    """Run folders, finished or not, checkpoints in them, or pretrained/NAME; at least two, and
+    differences are to the first."""
     world: Annotated[str, OneOf(WORLDS)] = "lanewise"
     """World to drive in: ours, or the real highway-env from the same starts."""
     episodes: Annotated[int, EPISODES] = 300
@@ -64,7 +64,9 @@ def run(parsed: Parsed[Compare]) -> int:
     from lanewise.evaluation import comparison
 
     entries = [
-        comparison.Entry(str(path), folder.controller, folder.seed, folder.digest)
+        comparison.Entry(
+            str(path), folder.controller, folder.seed, (folder.digest, run_folder.split(path)[1])
+        )
         for path, folder in zip(command.runs, folders, strict=True)
     ]
     comparison.arm_members(entries)
@@ -72,13 +74,15 @@ def run(parsed: Parsed[Compare]) -> int:
     from lanewise.report import comparison_page as pages
     from lanewise.runs import trained
 
-    for path, folder, own in zip(command.runs, folders, settings, strict=True):
-        if line := evaluate_trained.trained_on(folder.settings, own):
+    controllers = [trained.load(path) for path in command.runs]
+    for number, (path, own) in enumerate(zip(command.runs, settings, strict=True)):
+        loaded = controllers[number]
+        if loaded.note:
+            tell(loaded.note)
+        if line := evaluate_trained.trained_on(loaded, own):
             tell(f"{path} was {line}")
-    controllers = [
-        dataclasses.replace(trained.load(folder.path), settings=own)
-        for folder, own in zip(folders, settings, strict=True)
-    ]
+        controllers[number] = dataclasses.replace(loaded, settings=own)
+        entries[number] = dataclasses.replace(entries[number], controller=loaded.name)
     episodes = _drive(controllers, command)
     page = pages.ComparisonPage(
         comparison.compare(entries, episodes, command.world),

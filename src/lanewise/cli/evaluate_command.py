@@ -20,8 +20,8 @@ from lanewise.system.progress import Progress
 class Evaluate:
     """Test a trained controller: greedy episodes of 25 s from the test start."""
 
-    run: Path = field(metadata={"positional": True})
-    """Run folder of a trained controller, pretrained/NAME or reference/NAME."""
+    run: Path = field(default=pretrained.DRIVER, metadata={"positional": True})
+    """Run folder, finished or not, or a checkpoint in it; or pretrained/NAME or reference/NAME."""
     world: Annotated[str, OneOf(WORLDS)] = "lanewise"
     """World to drive in: ours, or the real highway-env from the same starts."""
     episodes: Annotated[int, EPISODES] = 300

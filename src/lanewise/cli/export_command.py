@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from lanewise.cli.command_line import Parsed
+from lanewise.cli.command_line import Changes, Parsed, flag_of
 from lanewise.cli.evaluate_command import check_renewal
 from lanewise.controllers.registry import CONTROLLERS
 from lanewise.controllers.settings import RENEWALS
@@ -30,18 +30,20 @@ class Export:
     """
 
     run: Path = field(metadata={"positional": True})
-    """Run folder of a trained controller, or pretrained/NAME."""
+    """Run folder, finished or not, or a checkpoint in it; or pretrained/NAME."""
     out: Path = field(metadata={"short": "-o"})
     """New file to write, ending in .onnx, or in .npz for NumPy."""
     renewal: Annotated[str, OneOf(RENEWALS)] | None = None
     """When the goal is renewed, instead of what the run's settings say."""
     check: Annotated[int, Between(0, 10_000_000)] = 0
     """Compare at least this many decisions with the controller's, which drives from training
-    starts."""
+    starts, or from test starts if --scenario.* is given."""
     seed: Annotated[int, SEEDS] = 0
     """Seed of these starts."""
     json: bool = False
     """Print one JSON object instead of a line."""
+    test: Changes = field(default_factory=dict)
+    """Settings of the drives of --check."""
 
 
 def run(parsed: Parsed[Export]) -> int:
@@ -51,11 +53,14 @@ def run(parsed: Parsed[Export]) -> int:
     if reason := CONTROLLERS[name].not_exportable:
         raise RunError(f"{command.run} cannot be exported: {reason}")
     check_renewal(command.renewal, command.run, name)
+    if command.test and not command.check:
+        raise RunError(f"{flag_of(next(iter(command.test)))} is for --check N; give both")
     formats.check(command.out, reading=command.check > 0)
+    from lanewise.experiments import evaluate_trained
     from lanewise.export import contents
     from lanewise.runs import trained
 
-    controller = trained.load(command.run)
+    controller = evaluate_trained.with_changes(trained.load(command.run), command.test, tell)
     digest = RunFolder.open(pretrained.locate(command.run)).digest
     policy = contents.policy(controller, digest, command.renewal)
     formats.save(policy, command.out)
@@ -83,4 +88,5 @@ def _compare(controller: "Trained", command: Export) -> "Agreement":
             command.seed,
             command.renewal,
             reporter.update,
+            "test" if any(name.startswith("scenario.") for name in command.test) else "training",
         )

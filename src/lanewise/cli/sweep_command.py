@@ -1,15 +1,16 @@
 """``lanewise sweep``: tests a trained controller over a grid of starts and draws the map."""
 
+import hashlib
 import json
 import sys
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from lanewise import config
 from lanewise.cli import journal as journals
-from lanewise.cli.command_line import Parsed
+from lanewise.cli.command_line import Changes, Parsed, flag_of
 from lanewise.cli.journal import Journal
 from lanewise.config.settings import Settings
 from lanewise.errors import RunError, SettingsError, one_line, shell_line
@@ -21,7 +22,10 @@ from lanewise.runs.run_folder import RunFolder
 from lanewise.scenario.settings import EgoSpeed, FrontDistance, Lanes, SideDistance, TrapSpeed
 from lanewise.system import extras
 from lanewise.system.folder_io import publish
-from lanewise.system.progress import Progress
+from lanewise.system.progress import Progress, tell
+
+if TYPE_CHECKING:
+    from lanewise.runs.trained import Trained
 
 JOURNAL = "progress.json"
 """What is done so far, in the output folder until all is."""
@@ -36,7 +40,7 @@ class Sweep:
     """
 
     run: Path = field(metadata={"positional": True})
-    """Run folder of a trained controller, or pretrained/NAME."""
+    """Run folder, finished or not, or a checkpoint in it; or pretrained/NAME."""
     out: Path
     """Folder for the map: new or empty, or one this command was stopped in."""
     episodes: Annotated[int, Between(1, 100_000)] = 20
@@ -59,28 +63,47 @@ class Sweep:
     """Mean distances from one traffic vehicle to the next."""
     vehicles_behind: Annotated[tuple[int, ...], Between(0, 100)] = Grid.vehicles_behind
     """Numbers of traffic vehicles behind the ego."""
+    test: Changes = field(default_factory=dict)
+    """Settings of the test; one that an axis varies is that axis's only value."""
 
 
 def run(parsed: Parsed[Sweep]) -> int:
     """Tests and draws; returns the exit code."""
     command = parsed.command
-    grid = Grid(**{axis.name: getattr(command, axis.name) for axis in fields(Grid)})
+    grid = _grid(parsed)
     folder = RunFolder.open(pretrained.locate(command.run))
-    _check(grid, folder.settings)
+    _check(grid, config.replace(folder.settings, command.test))
     extras.check()
     if (command.out / "map.md").exists():
         raise RunError(f"{command.out} is complete: see {command.out / 'map.md'}")
     journals.check_place(command.out / JOURNAL)
-    from lanewise.runs import run_state, trained
+    from lanewise.experiments import evaluate_trained
+    from lanewise.runs import trained
 
-    controller = trained.load(command.run)
-    identity = _identity(command, folder, run_state.weights_digest(folder))
+    loaded = trained.load(command.run)
+    controller = evaluate_trained.with_changes(loaded, command.test, tell)
+    identity = _identity(command, controller)
     journal = journals.open_(command.out / JOURNAL, identity)
     with journal.folder:
         with Progress() as reporter:
             _work(command, grid, controller, journal, reporter)
-        _report(command, grid, folder, journal)
+        trained_on = evaluate_trained.trained_on(loaded, controller.settings)
+        _report(command, grid, folder, (controller, trained_on), journal)
     return 0
+
+
+def _grid(parsed: Parsed[Sweep]) -> Grid:
+    """The grid, where a setting of the test gives an axis its only value."""
+    axes = {axis.name: getattr(parsed.command, axis.name) for axis in fields(Grid)}
+    for axis, setting in grids.SETTINGS.items():
+        if setting not in parsed.command.test:
+            continue
+        if axis in parsed.given:
+            raise SettingsError(
+                f"{flag_of(axis)} and {flag_of(setting)} are the same axis; give one of them"
+            )
+        axes[axis] = (parsed.command.test[setting],)
+    return Grid(**axes)
 
 
 def _check(grid: Grid, settings: Settings) -> None:
@@ -97,7 +120,7 @@ def _check(grid: Grid, settings: Settings) -> None:
 
 
 def _work(
-    command: Sweep, grid: Grid, controller: Any, journal: Journal, reporter: Progress
+    command: Sweep, grid: Grid, controller: "Trained", journal: Journal, reporter: Progress
 ) -> None:
     """Does what the journal lacks."""
     from lanewise.evaluation import sweep
@@ -125,26 +148,34 @@ def _work(
         reporter.update(len(journal.outcomes), success_rate=rate)
 
 
-def _identity(command: Sweep, folder: RunFolder, weights: str) -> dict[str, Any]:
+def _identity(command: Sweep, controller: "Trained") -> dict[str, Any]:
     """What must be the same for a journal to be continued."""
+    from lanewise.runs import checkpoint
+
+    weights = hashlib.sha256(checkpoint.pack(controller.parameters)).hexdigest()
     asked = {name: value for name, value in vars(command).items() if name not in ("run", "out")}
-    plain = {"kind": "Sweep", "controller": folder.controller, "weights": weights, **asked}
+    plain = {"kind": "Sweep", "controller": controller.name, "weights": weights, **asked}
     same: dict[str, Any] = json.loads(json.dumps(plain))
     return same
 
 
-def _report(command: Sweep, grid: Grid, folder: RunFolder, journal: Journal) -> None:
+def _report(
+    command: Sweep, grid: Grid, folder: RunFolder, test: "tuple[Trained, str]", journal: Journal
+) -> None:
+    """Draws the map; ``test`` is who drove, and how its training differed."""
     from lanewise.report import sweep_page
 
+    controller, trained_on = test
     cells = [
         Cell(point, journal.reached[index // grid.traffics], journal.outcomes[index])
         for index, point in enumerate(grid.points())
     ]
     found = sweep_page.SweepResult(
-        controller=folder.controller,
+        controller=controller.name,
         training_seed=folder.seed,
         trained_by=folder.source,
-        settings=config.flatten(folder.settings),
+        settings=config.flatten(controller.settings),
+        trained_on=trained_on,
         grid=grid,
         episodes=command.episodes,
         seed=command.seed,

@@ -19,8 +19,8 @@ FORMATS = (".gif", ".mp4")
 class Watch:
     """Draw one test episode from above, with goal, speed and reward."""
 
-    run: Path = field(metadata={"positional": True})
-    """Run folder of a trained controller, pretrained/NAME or reference/NAME."""
+    run: Path = field(default=pretrained.DRIVER, metadata={"positional": True})
+    """Run folder, finished or not, or a checkpoint in it; or pretrained/NAME or reference/NAME."""
     out: Path = field(metadata={"short": "-o"})
     """Clip to write, ending in .gif or .mp4."""
     seed: Annotated[int, SEEDS] = 0

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from lanewise.config.validation import check_duration
-from lanewise.driving import episode, restarting
+from lanewise.driving import episode, headway, restarting
 from lanewise.driving.actions import are_numbers
 from lanewise.driving.episode import Episode
 from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions, checked
@@ -65,6 +65,13 @@ class Step:
     """float32 [] the ego's, m/s."""
     timestep_reward: Array
     """float32 [] the paper's sum of rewards so far: one a second, an accident's once."""
+    lane: Array
+    """int32 [] the ego's nearest lane, from 0 at the left."""
+    gap_ahead: Array
+    """float32 [] m, bumper to bumper, to the nearest vehicle ahead in that lane (`headway`)."""
+    time_to_collision: Array
+    """float32 [] s until that gap is gone at the speeds of the moment; infinite if it does not
+    shrink."""
 
 
 def make(
@@ -155,6 +162,7 @@ def after_step(config: EnvConfig, after: Episode, memory: Any, reward: Array) ->
     """The state after a step, and what it shows, whoever simulated it."""
     state = State(after, memory, reward)
     outcome = after.outcome
+    near = headway.of_ego(after.world)
     return state, Step(
         observation=config.task.observe(config.driving.observation, after.world),
         reward=reward,
@@ -165,6 +173,9 @@ def after_step(config: EnvConfig, after: Episode, memory: Any, reward: Array) ->
         accident=outcome.accident,
         speed=after.world.vehicles.speed[0],
         timestep_reward=after.stats.timestep_reward,
+        lane=near.lane,
+        gap_ahead=near.gap,
+        time_to_collision=near.time_to_collision,
     )
 
 

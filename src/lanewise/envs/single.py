@@ -35,8 +35,10 @@ class TrapEnv(gymnasium.Env[NDArray[np.float32], Any]):
     Observations are the 26 features of `lanewise.driving.observation`, float32. ``info`` holds
     ``escaped`` (the paper's success: past the trap by now), ``is_success`` (and no accident),
     ``accident`` (0 none, 1 collision, 2 off the road, 3 come to a stop), ``speed`` (m/s),
-    ``timestep_reward`` (the paper's sum: one reward a second), and which start it was: ``seed`` and
-    ``start``.
+    ``timestep_reward`` (the paper's sum: one reward a second), ``lane`` (the ego's, from 0 at the
+    left), ``gap_ahead`` (m, bumper to bumper, to the nearest vehicle ahead in that lane; inf
+    without one), ``time_to_collision`` (s, at the speeds of the moment; inf where the gap does not
+    shrink), and which start it was: ``seed`` and ``start``.
     """
 
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": 2}  # noqa: RUF012

@@ -26,6 +26,9 @@ FACTS = (
     ("accident", np.int64),
     ("speed", np.float64),
     ("timestep_reward", np.float64),
+    ("lane", np.int64),
+    ("gap_ahead", np.float64),
+    ("time_to_collision", np.float64),
 )
 """What stands behind the observation, in the order of `Step`, and as what it is handed on."""
 INFO = tuple(name for name, _ in FACTS[3:])
@@ -50,13 +53,13 @@ def of_observations(config: EnvConfig) -> Space[NDArray[np.float32]]:
 
 
 def pack(step: Step) -> Array:
-    """One row, float32 [n + 8]."""
+    """One row, float32 [n + 11]."""
     facts = [jnp.float32(getattr(step, field.name)) for field in fields(step)[1:]]
     return jnp.concatenate([step.observation, jnp.stack(facts)])
 
 
 def unpack(rows: Any) -> tuple[NDArray[np.float32], dict[str, NDArray[Any]]]:
-    """(observations [..., n], the facts by name [...]) of rows [..., n + 8]."""
+    """(observations [..., n], the facts by name [...]) of rows [..., n + 11]."""
     fetched = np.asarray(rows)
     size = fetched.shape[-1] - len(FACTS)
     facts: dict[str, NDArray[Any]] = {

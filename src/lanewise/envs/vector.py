@@ -226,7 +226,7 @@ def _final(last: Array, starts: Starts, done: Booleans) -> Info:
 
 @pinned.jit(static_argnums=0)
 def _fresh(config: EnvConfig, seeds: Array, indices: Array) -> tuple[State, Array]:
-    """([W] states at these starts, [W, n + 8] rows)."""
+    """([W] states at these starts, [W, n + 11] rows)."""
     found: tuple[State, Array] = jax.vmap(partial(single.reset, config))(seeds, indices)
     return found
 

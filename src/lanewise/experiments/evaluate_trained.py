@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from lanewise import config, interop
 from lanewise.config.settings import Settings, of_test
+from lanewise.controllers.registry import CONTROLLERS
 from lanewise.errors import SettingsError
 from lanewise.evaluation import evaluator, stepwise
 from lanewise.evaluation.episodes import Episodes, Recording
@@ -14,30 +15,76 @@ from lanewise.fields.ranges import show
 from lanewise.runs.trained import Trained
 from lanewise.system.progress import Progress
 from lanewise.training import recipe
+from lanewise.world.state import RULE_BASED
 
 
 def with_changes(
     trained: Trained, changes: Mapping[str, object], tell: Callable[[str], None]
 ) -> Trained:
-    """The controller, to be tested with other settings than its own; ``tell`` says which differ.
+    """The controller, to be tested with other settings than its own.
+
+    ``tell`` says which settings differ, and which weights they are of an unfinished run.
 
     Raises:
-        SettingsError: a setting is no test's, is out of range or contradicts another.
+        SettingsError: a setting is no test's, is out of range or contradicts another; or the
+            controller cannot drive with its `Trained.task`.
     """
     for name in changes:
         if not of_test(name):
             raise SettingsError(f"{name}: a trained controller keeps its own")
     settings = config.replace(trained.settings, changes)
-    if trained.parameters and (line := trained_on(trained.settings, settings)):
+    if trained.note:
+        tell(trained.note)
+    if line := trained_on(trained, settings):
         tell(f"{trained.name} was {line}")
-    return replace(trained, settings=settings)
+    changed = replace(trained, settings=settings)
+    _check_task(changed)
+    return changed
 
 
-def trained_on(own: Settings, here: Settings) -> str:
-    """What a controller was trained on where its test differs; empty where it does not."""
-    found = config.differences([own, here]).items()
-    words = (f"{name} {show(ours)} (here {show(other)})" for name, (ours, other) in found)
+def trained_on(trained: Trained, here: Settings) -> str:
+    """What a controller was trained on where its test differs; empty where it does not.
+
+    Args:
+        trained: with the settings of its training, and the functions of its test.
+        here: the settings of its test.
+    """
+    if not trained.parameters:
+        return ""
+    found = {
+        name: [show(value) for value in values]
+        for name, values in config.differences([trained.settings, here]).items()
+    }
+    there, now = (
+        dict(each.split(": ", 1) for each in names)
+        for names in (trained.trained_with, trained.task.names())
+    )
+    found |= {
+        part: [own.get(part, "the paper's") for own in (there, now)]
+        for part in {**there, **now}
+        if there.get(part) != now.get(part)
+    }
+    words = (f"{name} {own} (here {other})" for name, (own, other) in found.items())
     return f"trained on {', '.join(words)}" if found else ""
+
+
+def _check_task(trained: Trained) -> None:
+    """Refuse functions with which a controller cannot drive."""
+    task, test = trained.task, evaluation_config(trained)
+    for level in test.controller.levels:
+        surplus = level.feature_count - len(trained.parameters[level.name][0][0])
+        if surplus:
+            seen = task.validate(test.scenario, test.driving)
+            raise SettingsError(
+                f"{task.called('observe')} returns {seen} numbers; the networks of {trained.name} "
+                f"observe {seen - surplus}"
+            )
+    by_rules = CONTROLLERS[trained.name].driven_by_traffic_rules
+    if by_rules and evaluator.start(test, 0, 0).drivers.kind[0] != RULE_BASED:
+        raise SettingsError(
+            f"{task.called('start')} must leave the ego to the rules of the traffic where "
+            f'settings.ego_driver is "rule-based", as for {trained.name}'
+        )
 
 
 def evaluation_config(trained: Trained, renewal: str | None = None) -> EvaluationConfig:

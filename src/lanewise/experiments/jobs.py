@@ -16,7 +16,7 @@ from lanewise.experiments import evaluate_trained, stored_tests
 from lanewise.experiments.experiment import RUNS, Experiment, ExperimentArm
 from lanewise.experiments.stored_tests import SETTINGS, StoredTest
 from lanewise.runs import run_state, trained
-from lanewise.runs.run_folder import LARGEST_SETTINGS, RunFolder
+from lanewise.runs.run_folder import CONTROLLER, LARGEST_SETTINGS, RunFolder
 from lanewise.runs.trained import Trained
 from lanewise.runs.training_loop import train
 from lanewise.system import safe_io
@@ -81,7 +81,7 @@ class Job:
     @property
     def _weights(self) -> str | None:
         """File name of what it trained."""
-        return run_state.CONTROLLER if self.trains else None
+        return CONTROLLER if self.trains else None
 
 
 def of_experiment(

@@ -98,14 +98,15 @@ def agreement(
     seed: int = 0,
     renewal: str | None = None,
     done: Callable[[int], None] = lambda count: None,
+    split: str = "training",
 ) -> Agreement:
-    """Compare an exported policy with its controller, which drives from training starts.
+    """Compare an exported policy with its controller, which drives from starts of a split.
 
     At least so many ``states`` are compared. Goals are renewed as it was exported, and ``done`` is
     called with how many are done.
     """
     config = recipe.evaluation_config(trained.settings, trained.name, renewal)
-    config = replace(config, split="training")
+    config = replace(config, split=split)
     total, first = Agreement(), 0
     while total.states < states:
         worlds = evaluator.start_block(config, seed, first)

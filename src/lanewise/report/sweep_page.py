@@ -43,7 +43,7 @@ class SweepResult:
     trained_by: Mapping[str, Any]
     """The code its run was made with (`version.source`)."""
     settings: Mapping[str, Any]
-    """Of its run, by dotted name."""
+    """With which it was tested, by dotted name."""
     grid: Grid
     episodes: int
     """Of each start."""
@@ -54,6 +54,8 @@ class SweepResult:
     command: str
     cells: Sequence[Cell]
     """All starts, in the grid's order."""
+    trained_on: str = ""
+    """Which of these settings its training had otherwise, in words; empty where none."""
 
 
 def write_sweep(directory: Path | str, sweep: SweepResult) -> Path:
@@ -90,6 +92,7 @@ def to_json(sweep: SweepResult) -> dict[str, Any]:
         "totals": {name: pool(sweep.cells, name).to_json() for name in DENOMINATORS},
         "undecided_starts": sum(not c.reach.decided for c in sweep.cells),
         "settings": dict(sweep.settings),
+        "trained_on": sweep.trained_on,
         "columns": list(COLUMNS),
         "starts": [[*c.point, *astuple(c.reach), *astuple(c.outcome)] for c in sweep.cells],
     }
@@ -160,7 +163,9 @@ def _world(sweep: SweepResult) -> str:
         f"{traffic['first_gap']:g} m beyond the trap, each distance ± "
         f"{traffic['spacing_jitter']:g} m, lanes at random; vehicles behind from "
         f"{traffic['gap_behind']:g} m behind the ego. All drive by {model} and MOBIL.",
-        f"- Controller: {plain(sweep.controller)}, training seed {sweep.training_seed}; its "
-        "settings are in `map.json`.",
+        f"- Controller: {plain(sweep.controller)}, training seed {sweep.training_seed}; the "
+        "settings of the test are in `map.json`.",
     ]
+    if sweep.trained_on:
+        lines.append(f"- It was {plain(sweep.trained_on)}.")
     return "\n".join(lines)

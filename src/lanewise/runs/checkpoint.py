@@ -60,6 +60,18 @@ def stage_prefix(stage: int) -> str:
     return f"stage-{stage:02d}-"
 
 
+def pack(tree: Any) -> bytes:
+    """A pytree of arrays and random keys as a safetensors file."""
+    # safetensors stores memory as it lies: it must be row by row, in this machine's byte order.
+    arrays = {key: np.array(value, order="C") for key, value in pytree_io.flatten(tree).items()}
+    return bytes(save_safetensors(arrays))
+
+
+def stage_index(name: str) -> int:
+    """The number of the stage that a checkpoint's name begins with."""
+    return int(name.split("-")[1])
+
+
 def save(
     folder: OpenFolder,
     name: str,
@@ -74,9 +86,7 @@ def save(
     Both files are complete on disk before either gets its name. Afterwards follows a `prune`,
     unless ``keep`` is None.
     """
-    # safetensors stores memory as it lies: it must be row by row, in this machine's byte order.
-    arrays = {key: np.array(value, order="C") for key, value in pytree_io.flatten(tree).items()}
-    data = save_safetensors(arrays)
+    data = pack(tree)
     manifest = {
         "format": FORMAT,
         "version": VERSION,

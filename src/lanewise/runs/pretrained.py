@@ -9,10 +9,12 @@ from pathlib import Path
 from lanewise.controllers.registry import REFERENCES
 from lanewise.errors import RunError, brief
 from lanewise.fields.suggestions import nearest
-from lanewise.runs.run_folder import RunFolder
+from lanewise.runs.run_folder import RunFolder, split
 
 PRETRAINED = Path(__file__).parent / "pretrained"
 """Where the trained ones lie."""
+DRIVER = Path("pretrained/hierarchical")
+"""Who is tested and drawn where no run is named."""
 
 
 def names() -> tuple[str, ...]:
@@ -21,9 +23,12 @@ def names() -> tuple[str, ...]:
 
 
 def locate(path: Path) -> Path:
-    """The run folder of ``path``; ``pretrained/NAME`` leads into the package."""
+    """The run folder of ``path``, which may name a checkpoint in it (`run_folder.split`).
+
+    ``pretrained/NAME`` leads into the package.
+    """
     if path.exists() or len(path.parts) != 2 or path.parts[0] != "pretrained":
-        return path
+        return split(path)[0]
     return PRETRAINED / _known(path, names())
 
 

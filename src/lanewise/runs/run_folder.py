@@ -41,6 +41,8 @@ _LARGEST_MANIFEST = 100_000
 LARGEST_SETTINGS = 100_000
 """Bytes of a file with every setting."""
 CHECKPOINTS, STAGES = "checkpoints", "stages"
+CONTROLLER = "controller"
+"""File name of a finished run's controller."""
 _ROUNDING = ("fast_math", "optimization_level")
 """Parts of names in ``XLA_FLAGS`` that change how the compiler rounds."""
 _UNOPTIMISED = "JAX_DISABLE_MOST_OPTIMIZATIONS"
@@ -265,6 +267,20 @@ def open_high_level(
     except SettingsError as error:
         raise RunError(f"{source} {error}") from error
     return lender
+
+
+def split(path: Path) -> tuple[Path, Path | None]:
+    """(the run folder that ``path`` names, the checkpoint or stage within it that it names).
+
+    Weights are named by either of their two files, or without an ending.
+    """
+    place = path.with_suffix("") if path.suffix in (".json", ".safetensors") else path
+    run, stored = place.parent, None
+    if run.name in (CHECKPOINTS, STAGES):
+        run, stored = run.parent, Path(run.name, place.name)
+    elif place.name != CONTROLLER:
+        return path, None
+    return (run, stored) if (run / "run.json").is_file() and not path.is_dir() else (path, None)
 
 
 def require_outside(path: Path) -> None:

@@ -10,12 +10,9 @@ from lanewise.controllers.registry import CONTROLLERS, STEP_1
 from lanewise.errors import CheckpointError, RunError
 from lanewise.runs import checkpoint, metrics_file
 from lanewise.runs.checkpoint import Checkpoint
-from lanewise.runs.run_folder import STAGES, RunFolder, open_high_level
+from lanewise.runs.run_folder import CONTROLLER, STAGES, RunFolder, open_high_level
 from lanewise.system.version import __version__
 from lanewise.training.plan import TrainingPlan
-
-CONTROLLER = "controller"
-"""File name of a finished run's controller."""
 
 
 @dataclass(frozen=True)
