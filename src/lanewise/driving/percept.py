@@ -60,8 +60,11 @@ def _key_of(world: World) -> Array:
     """A random key made of the places of all vehicles, so that noise needs no state of its own.
 
     The same world is observed with the same noise, and after a tick it has nothing in common.
+    Room for absent vehicles changes nothing.
     """
-    places = jnp.concatenate([world.vehicles.x, world.vehicles.y]).astype(jnp.float32)
+    vehicles = world.vehicles
+    places = jnp.stack([vehicles.x, vehicles.y], axis=1).astype(jnp.float32)
+    places = jnp.where(vehicles.present[:, None], places, 0.0).ravel()
     bits = jax.lax.bitcast_convert_type(places, jnp.uint32)
     odd = 2 * jnp.arange(bits.size, dtype=jnp.uint32) + 1
     return jax.random.fold_in(pinned.key(0), jnp.sum(bits * odd * jnp.uint32(2654435761)))
