@@ -132,10 +132,11 @@ def winnable(result: RobustResult) -> str:
 
 
 def ranked(cells: Sequence[ConditionCell]) -> list[ConditionCell]:
-    """The cells with the most accidents at the judged horizon first, then at the others."""
+    """The cells with the most accidents at the judged horizon first; of equals, with traffic."""
 
     def badness(cell: ConditionCell) -> tuple[int, ...]:
-        return tuple(cell.outcome.at(horizon).accidents for horizon in (JUDGED, 0, -1))
+        hits = (cell.outcome.at(horizon).accidents for horizon in (JUDGED, 0, -1))
+        return (next(hits), int(cell.condition.population != NOBODY), *hits)
 
     return sorted(cells, key=badness, reverse=True)
 
