@@ -7,10 +7,18 @@ import numpy as np
 from lanewise import config
 from lanewise.config.settings import Settings
 from lanewise.driving import accident_kinds as kinds
+from lanewise.evaluation.conditions import (
+    HORIZONS,
+    KINDS,
+    ConditionCell,
+    ConditionGrid,
+    ConditionOutcome,
+)
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.evaluation.grid import Cell, Grid, PointResult, Reach
 from lanewise.evaluation.metrics import summarise
 from lanewise.report.experiment_tables import ArmFigures
+from lanewise.report.robust_tables import RobustResult
 from lanewise.report.sweep_page import SweepResult
 
 KIND_OF = np.array([kinds.NONE, kinds.CAR_AHEAD, kinds.OFF_ROAD, kinds.STOPPED], np.int8)
@@ -164,5 +172,47 @@ def make_sweep(grid: Grid | None = None, episodes: int = 20) -> SweepResult:
         seed=1,
         clearance=0.1,
         command="lanewise sweep runs/h0 --out maps/h0",
+        cells=cells,
+    )
+
+
+def make_robust(grid: ConditionGrid | None = None, episodes: int = 20) -> RobustResult:
+    """A controller whose accidents grow with time; its start 13 behind 11 m/s cannot be won."""
+    grid = grid or ConditionGrid()
+    draw = random.Random(0)
+    reached = {
+        place: Reach(place[0] < 13.0, True, place[0] < 12.0, "4" * 50, 0)
+        for place in grid.winnable_places()
+    }
+    cells = []
+    for condition in (each for group in grid.groups() for each in group):
+        place = (condition.ego_speed, condition.trap_speed, condition.lanes)
+        hit, kinds = 0, []
+        for _ in HORIZONS:
+            hit += draw.randint(0, (episodes - hit) // 3)
+            kinds.append([hit - hit // 3, *[0] * (len(KINDS) - 2), hit // 3])
+        hits = [sum(found) for found in kinds]
+        outcome = ConditionOutcome(
+            episodes,
+            escapes=[episodes - 1] * len(hits),
+            successes=[episodes - 1 - hit for hit in hits],
+            kinds=kinds,
+            first_accident=[3 if hit else -1 for hit in hits],
+        )
+        winnable = place in reached and reached[place].winnable
+        cells.append(ConditionCell(condition, winnable, outcome))
+    return RobustResult(
+        controller="hierarchical",
+        training_seed=3,
+        trained_by={"commit": "a" * 40, "clean_tree": True, "training": "1" * 12},
+        settings=config.flatten(Settings()),
+        seen=("paper",),
+        grid=grid,
+        episodes=episodes,
+        seed=1,
+        clearance=0.1,
+        run="runs/h0",
+        command="lanewise sweep runs/h0 --grid robust --out maps/robust",
+        reached=reached,
         cells=cells,
     )

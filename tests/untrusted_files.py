@@ -122,7 +122,7 @@ TARGETS = (
     Target(
         JOURNAL,
         ("progress.json",),
-        lambda folder: journal.read(folder / "progress.json", IDENTITY),
+        lambda folder: journal.read(folder / "progress.json", IDENTITY, PointResult),
     ),
 )
 
@@ -143,7 +143,7 @@ def make(out: Path, whole: Path, stopped: Path) -> None:
     (out / OWN_EXPERIMENT / "experiment.toml").write_text(EXPERIMENT)
     (out / TEST / stored_tests.SETTINGS).write_text(config.dump_toml(Settings()))
     store_test(tested(out / TEST), made_up_episodes(0))
-    book = journal.open_(out / JOURNAL / "progress.json", IDENTITY)
+    book = journal.open_(out / JOURNAL / "progress.json", IDENTITY, PointResult)
     with book.folder:
         book.add([Reach(True, True, bool(n % 2), "0123" * n, n) for n in range(4)])
         book.add([PointResult(20, 18, 1, 1, 0, 12.5 + n, 9.25, 19) for n in range(4)])

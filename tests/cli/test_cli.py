@@ -57,6 +57,22 @@ def inside(tmp_path, monkeypatch):
         (["compare", FLAT, FLAT, "--csv", "/proc/a/b.csv"], "cannot write /proc/a/b.csv"),
         (["sweep", "a", "--out", "b", "--ego-speed", "nan"], "between 1 and 40 m/s, got nan"),
         (
+            ["sweep", "a", "--out", "b", "--grid", "robust", "--spacing", "20"],
+            "--spacing is no axis of grid robust; leave it out",
+        ),
+        (
+            ["sweep", "a", "--out", "b", "--noise", "0.1"],
+            "--noise is no axis of grid starts; leave it out",
+        ),
+        (
+            ["sweep", "a", "--out", "b", "--grid", "robust", "--ego-speed", "10", "12"],
+            "are pairs in grid robust: give as many of each, got 2 and 0",
+        ),
+        (
+            ["sweep", "a", "--out", "b", "--grid", "robust", "--lanes", "3", "3"],
+            "--lanes: 3 is given twice",
+        ),
+        (
             ["reproduce", "--out", "report", "--experiment", "mine.toml", "--preset", "paper"],
             "--experiment and --preset each name an experiment; give one of them",
         ),

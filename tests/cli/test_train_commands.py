@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shutil
 
 import pytest
@@ -11,7 +12,7 @@ from PIL import Image
 from lanewise.cli import sweep_command as sweep
 from lanewise.cli.main import main
 from lanewise.errors import LanewiseError
-from lanewise.evaluation import evaluator
+from lanewise.evaluation import conditions, evaluator
 from lanewise.evaluation import sweep as drives
 from lanewise.evaluation.grid import CAUSES, PointResult, Reach
 from lanewise.report import output_files
@@ -129,6 +130,48 @@ def test_sweep_writes_a_map_and_continues_an_interrupted_one(whole, tmp_path, ca
     assert "episodes: continuing" in capsys.readouterr().err
     again = json.loads((cut / "map.json").read_text())
     assert again["starts"] == expected["starts"]
+
+
+@pytest.mark.slow
+def test_a_robust_sweep_that_was_interrupted_ends_as_one_that_was_not(
+    whole, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(evaluator, "BLOCK", 4)
+    monkeypatch.setitem(conditions.DENSITIES, "light", conditions.Density(1, 0, 40.0))
+    axes = "--grid robust --population paper highd --density empty light --lanes 2 3 --noise 0"
+    axes += " --latency 0 --ego-speed 10 12 --trap-speed 8 10 --episodes 2"
+
+    def words(out):
+        return ["sweep", str(whole), "--out", str(out), *axes.split()]
+
+    assert main(words(tmp_path / "whole")) == 0
+    assert "| seen in training | 4 | 8 |" in capsys.readouterr().out
+    cut, real, calls = tmp_path / "cut", evaluator.drive_block, []
+
+    def interrupted(*arguments):
+        calls.append(1)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return real(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(evaluator, "drive_block", interrupted)
+        assert main(words(cut)) == 130
+    kept = json.loads((cut / "progress.json").read_text())
+    assert (len(kept["reached"]), len(kept["outcomes"])) == (2, 4)
+    assert main([*words(cut), "--seed", "1"]) == 2
+    assert "holds another sweep" in capsys.readouterr().err
+    assert main(words(cut)) == 0
+    for name in ("robust.json", "robust.md", "robust.png", "robust.svg"):
+        # The date and the folder's name are their own.
+        ours, theirs = (
+            re.sub(rb"20\d\d-[-:T+0-9]+", b"", (folder / name).read_bytes())
+            for folder in (cut, tmp_path / "whole")
+        )
+        assert ours == theirs
+    assert not (cut / "progress.json").exists()
+    assert main(words(cut)) == 2
+    assert "is complete: see" in capsys.readouterr().err
 
 
 def test_sweep_refuses_before_it_works(whole, tmp_path, capsys):

@@ -174,3 +174,17 @@ def test_noise_is_normal_the_same_for_the_same_world_and_new_after_a_tick():
     assert sizes.min() < 0.03
     assert 0.15 < sizes.max() < 0.3
     assert sizes.mean() == pytest.approx(0.1, abs=0.02)
+
+
+def test_noise_does_not_depend_on_room_for_vehicles_that_are_absent():
+    few = TrapSettings(traffic=TrafficSettings(vehicles_ahead=2))
+    world = jax.jit(partial(trap.sample, few, split="test"))(trap.start_key(5, "test", 0))
+    there = world.vehicles.present.at[-1].set(False)
+    absent = replace(world, vehicles=replace(world.vehicles, present=there))
+    fewer = replace(
+        absent,
+        drivers=jax.tree.map(lambda leaf: leaf[:-1], absent.drivers),
+        vehicles=jax.tree.map(lambda leaf: leaf[:-1], absent.vehicles),
+    )
+    perceive = jax.jit(partial(percept.perceive, ObservationSettings(noise=0.1)))
+    np.testing.assert_array_equal(perceive(absent).features, perceive(fewer).features)

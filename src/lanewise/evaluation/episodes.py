@@ -56,6 +56,10 @@ class Episodes:
     def __repr__(self) -> str:
         return f"Episodes({len(self)} of {', '.join(self.__dataclass_fields__)})"
 
+    def some(self, which: slice) -> "Episodes":
+        """Some of them."""
+        return Episodes(**{name: values[which] for name, values in vars(self).items()})
+
     @property
     def escaped(self) -> NDArray[np.bool_]:
         """[E] the paper's success: past every trap car at some time, whatever happened later."""

@@ -4,13 +4,15 @@ All starts of a grid are numbers to one compiled test, in worlds as wide and as 
 and fullest start needs.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
+from numpy.typing import NDArray
 
 from lanewise.controllers.controller import Parameters
 from lanewise.evaluation import concurrent, evaluator, reachability
@@ -94,52 +96,78 @@ def run(
     together = max(1, concurrent.threads() * evaluator.BLOCK // episodes)
     for begin in range(first, len(points), together):
         some = points[begin : begin + together]
-        numbers = [start_of(test.scenario, point) for point in some for _ in range(episodes)]
-        found = _drive(test, parameters, seed, begin * episodes, numbers)
+        numbers = stacked([start_of(test.scenario, point) for point in some])
+        before = begin * episodes
+
+        def worlds(
+            rows: NDArray[np.int64], numbers: Start = numbers, before: int = before
+        ) -> World:
+            starts = jax.tree.map(lambda values: values[rows // episodes], numbers)
+            return place(test.scenario, seed, before + rows, starts)
+
+        found = drive(test, parameters, len(some) * episodes, worlds)
         yield [
-            _outcome(found, slice(place * episodes, (place + 1) * episodes))
-            for place in range(len(some))
+            _outcome(found.some(slice(first, first + episodes)))
+            for first in range(0, len(found), episodes)
         ]
 
 
-def _drive(
-    test: EvaluationConfig, parameters: Parameters, seed: int, first: int, numbers: Sequence[Start]
+def stacked(starts: Sequence[Start]) -> Start:
+    """The numbers of several starts as arrays, each [S]."""
+    found: Start = jax.tree.map(lambda *values: np.array(values), *starts)
+    return found
+
+
+def drive(
+    test: EvaluationConfig,
+    parameters: Parameters,
+    count: int,
+    worlds: Callable[[NDArray[np.int64]], World],
 ) -> Episodes:
-    """Episodes from given starts, in blocks; the last is filled up with copies."""
-    count = len(numbers)
-    filled = [*numbers, *[numbers[-1]] * (-count % evaluator.BLOCK)]
+    """Greedy episodes from given worlds, in blocks; the last is filled up with copies.
+
+    Args:
+        test: of the episodes; its scenario does not matter.
+        parameters: of all the controller's levels.
+        count: of the episodes.
+        worlds: makes those at the start of `evaluator.BLOCK` episodes, given their numbers.
+    """
+    rules = evaluator.of_any_start(test)
 
     def driven(begin: int) -> Result:
-        some = filled[begin : begin + evaluator.BLOCK]
-        block: Start = jax.tree.map(lambda *values: np.array(values), *some)
-        worlds = _place(test, seed, first + begin, block)
-        rules = evaluator.of_any_start(test)
-        found: Result = jax.device_get(evaluator.drive_block(rules, parameters, worlds))
+        rows = np.minimum(begin + np.arange(evaluator.BLOCK), count - 1)
+        found: Result = jax.device_get(evaluator.drive_block(rules, parameters, worlds(rows)))
         return found
 
-    blocks = concurrent.in_order(driven, range(0, len(filled), evaluator.BLOCK))
+    blocks = concurrent.in_order(driven, range(0, count, evaluator.BLOCK))
     return evaluator.as_episodes(test.driving, blocks, count)
 
 
 @pinned.jit(static_argnums=0)
-def _place(test: EvaluationConfig, seed: Array, first: Array, starts: Start) -> World:
-    """The worlds of a block of starts."""
+def place(scenario: TrapSettings, seed: int, indices: ArrayLike, starts: Start) -> World:
+    """The worlds of test starts with these numbers, [E] each.
+
+    Args:
+        scenario: with at least as many lanes and vehicles as any of the starts.
+        seed: of the traffic.
+        indices: of the starts, int [E].
+        starts: their numbers.
+    """
 
     def one(index: Array, start: Start) -> World:
-        key = trap.start_key(seed, "test", index)
-        return trap.place(test.scenario, start, key)
+        return trap.place(scenario, start, trap.start_key(seed, "test", index))
 
-    return jax.vmap(one)(first + jnp.arange(evaluator.BLOCK), starts)
+    worlds: World = jax.vmap(one)(jnp.asarray(indices), starts)
+    return worlds
 
 
-def _outcome(found: Episodes, which: slice) -> PointResult:
-    accident = found.accident[which]
-    causes = {cause: int((accident == code).sum()) for code, cause in enumerate(CAUSES, 1)}
+def _outcome(found: Episodes) -> PointResult:
+    causes = {cause: int((found.accident == code).sum()) for code, cause in enumerate(CAUSES, 1)}
     return PointResult(
-        episodes=len(accident),
-        escapes=int(found.escaped[which].sum()),
-        successes=int(found.success[which].sum()),
-        speed=float(found.average_speed[which].mean()),
-        reward=float(found.accumulated_reward[which].mean()),
+        episodes=len(found),
+        escapes=int(found.escaped.sum()),
+        successes=int(found.success.sum()),
+        speed=float(found.average_speed.mean()),
+        reward=float(found.accumulated_reward.mean()),
         **causes,
     )
