@@ -21,7 +21,8 @@ from lanewise.experiments import readings
 from lanewise.fields import docstrings
 from lanewise.fields.ranges import FieldType
 from lanewise.scenario.populations import POPULATIONS, Population
-from lanewise.world.settings import PAPER_DRIVER, DriverSettings
+from lanewise.world import build
+from lanewise.world.settings import PAPER_DRIVER
 
 DOCS = Path(__file__).parent
 PAGES = (DOCS.parent / "README.md", *sorted(DOCS.glob("*.md")))
@@ -78,10 +79,10 @@ def populations() -> str:
 
     def own(population: Population) -> str:
         fixed = {
-            field.name: (value, value)
-            for field in dataclasses.fields(DriverSettings)
-            if (value := getattr(population.driver, field.name))
-            != getattr(PAPER_DRIVER, field.name)
+            name: (value, value)
+            for name in build.NUMBERS
+            if name != "target_speed"
+            and (value := getattr(population.driver, name)) != getattr(PAPER_DRIVER, name)
         }
         numbers = fixed | dict(population.ranges) | {"desired speed": population.desired_speed}
         if population.waves:

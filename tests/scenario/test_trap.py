@@ -283,6 +283,13 @@ def test_traffic_and_the_second_trap_car_fill_their_ranges_in_training_alone():
         assert values.max() <= high + 5.0
         assert values.std() == pytest.approx((high - low) / np.sqrt(12), rel=0.15)
     assert (world.drivers.target_speed[:, 3:] == 12.5).all()
+    fast = replace(ALL, training_ego_speed=(8.0, 13.0), training_braking=0.5)
+    braked = jax.device_get(starts(fast, "training")).vehicles
+    free = jax.device_get(starts(replace(fast, training_braking=0.0), "training")).vehicles
+    # v^2 - u^2 = 2 b s: so fast that it comes 1 m close, or as drawn.
+    limit = 9.0 + np.sqrt(2 * 0.5 * (braked.x[:, 1] - 6.0))
+    np.testing.assert_allclose(braked.speed[:, 0], np.minimum(free.speed[:, 0], limit), rtol=1e-5)
+    assert 0.1 < (braked.speed[:, 0] < free.speed[:, 0]).mean() < 0.9
     test = jax.device_get(starts(ALL, "test"))
     assert test.vehicles.x.shape == (COUNT, 10)
     assert (test.vehicles.speed[:, 3:] == 12.5).all()

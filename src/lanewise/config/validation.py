@@ -18,7 +18,7 @@ MOST_LAYERS = 16
 _TRAINING_RANGES = tuple(
     name
     for name in (field.name for field in fields(TrapSettings))
-    if name.startswith("training_") and name != "training_populations"
+    if name.startswith("training_") and name not in ("training_populations", "training_braking")
 )
 _TOO_COARSE = "farther on, 32-bit places are coarser than 1 cm"
 _REWARDS = ("external_weight", "tracking_weight", "approach_weight", "goal_reward")

@@ -45,7 +45,7 @@ class UpdateMetrics:
 
 def begin(key: jax.Array, settings: LearnerSettings, inputs: int, outputs: int) -> Learner:
     """A learner for F inputs and A outputs; its target network starts as a copy of the other."""
-    online = network.init(key, inputs, settings.hidden, outputs)
+    online = network.init(key, inputs, settings.hidden, outputs, settings.layer_normalisation)
     return Learner(
         online=online,
         # A copy of its own, so that a caller may donate the whole learner to a compiled function.

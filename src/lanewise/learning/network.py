@@ -2,15 +2,34 @@
 
 import math
 from itertools import pairwise
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-Parameters = tuple[tuple[jax.Array, jax.Array], ...]
+
+class NormalisedLayer(NamedTuple):
+    """A layer whose outputs are normalised before the ReLU."""
+
+    weights: jax.Array
+    """[inputs, outputs]."""
+    biases: jax.Array
+    """[outputs]."""
+
+
+Parameters = tuple[tuple[jax.Array, jax.Array] | NormalisedLayer, ...]
 """One pair per layer: weights [inputs, outputs] and biases [outputs]."""
+VARIANCE_FLOOR = 1e-5
+"""Added to the variance by which outputs are normalised."""
 
 
-def init(key: jax.Array, inputs: int, hidden: tuple[int, ...], outputs: int) -> Parameters:
+def init(
+    key: jax.Array,
+    inputs: int,
+    hidden: tuple[int, ...],
+    outputs: int,
+    layer_normalisation: bool = False,
+) -> Parameters:
     """Draws the first parameters, every layer from U(-b, b) with b = 1 / sqrt(inputs of the layer).
 
     Source: the default of ``torch.nn.Linear``, weights and biases alike, which is what
@@ -21,7 +40,7 @@ def init(key: jax.Array, inputs: int, hidden: tuple[int, ...], outputs: int) -> 
     """
     widths = (inputs, *hidden, outputs)
     layer_keys = jax.random.split(key, len(widths) - 1)
-    layers = []
+    layers: list[tuple[jax.Array, jax.Array] | NormalisedLayer] = []
     for layer_key, (fan_in, fan_out) in zip(layer_keys, pairwise(widths), strict=True):
         weights_key, biases_key = jax.random.split(layer_key)
         bound = 1.0 / math.sqrt(fan_in)
@@ -29,20 +48,36 @@ def init(key: jax.Array, inputs: int, hidden: tuple[int, ...], outputs: int) -> 
             jax.random.uniform(part_key, shape, jnp.float32, minval=-bound, maxval=bound)
             for part_key, shape in ((weights_key, (fan_in, fan_out)), (biases_key, (fan_out,)))
         )
-        layers.append((weights, biases))
+        is_last = len(layers) == len(hidden)
+        normalised = layer_normalisation and not is_last
+        layers.append(NormalisedLayer(weights, biases) if normalised else (weights, biases))
     return tuple(layers)
 
 
 def q_values(parameters: Parameters, features: jax.Array) -> jax.Array:
     """Q-values of every action [..., A], with ReLU between the layers and none after the last.
 
+    Outputs of a `NormalisedLayer` are normalised before the ReLU.
     They have the precision of the parameters.
     """
     *hidden_layers, last_layer = parameters
     activation = features
-    for weights, biases in hidden_layers:
-        activation = jax.nn.relu(_layer(activation, weights, biases))
+    for layer in hidden_layers:
+        activation = _layer(activation, *layer)
+        if isinstance(layer, NormalisedLayer):
+            activation = normalised(activation)
+        activation = jax.nn.relu(activation)
     return _layer(activation, *last_layer)
+
+
+def normalised(outputs: jax.Array) -> jax.Array:
+    """A layer's outputs [..., n] less their mean, by their standard deviation.
+
+    Source: Ba, Kiros and Hinton (2016), "Layer normalization", without gain and bias.
+    """
+    apart = outputs - jnp.mean(outputs, axis=-1, keepdims=True)
+    variance = jnp.mean(jnp.square(apart), axis=-1, keepdims=True)
+    return apart * jax.lax.rsqrt(variance + VARIANCE_FLOOR)
 
 
 @jax.custom_vjp

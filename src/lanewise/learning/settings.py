@@ -29,6 +29,8 @@ class LearnerSettings:
 
     hidden: Annotated[tuple[int, ...], Between(1, 65_536)] = (512, 512)
     """Widths of the hidden layers, ReLU between them."""
+    layer_normalisation: bool = False
+    """Whether outputs of hidden layers are normalised (Ba et al. 2016, without gain and bias)."""
     double: bool = True
     """Double DQN (van Hasselt et al. 2016) or plain DQN (row 16)."""
     discount: Annotated[float, Between(0.0, 1.0)] = 0.8

@@ -88,6 +88,9 @@ class TrapSettings:
         7.43,
     )
     """D2 in training and validation: uniform between the two."""
+    training_braking: Annotated[float, Between(0.0, 10.0, "m/s^2")] = 0.0
+    """In training and validation the ego is no faster than this braking can make up for before it
+    is 1 m behind the trap car ahead, so that an accident can be avoided; 0: as fast as drawn."""
     training_trap_speed_difference: Annotated[tuple[float, ...], Difference, OrNone(2)] = ()
     """The difference of the trap cars' speeds in training and validation; empty: as in tests."""
     training_trap_speed_wave: Annotated[tuple[float, ...], Difference, OrNone(2)] = ()

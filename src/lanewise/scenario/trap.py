@@ -19,6 +19,7 @@ from lanewise.scenario import drivers
 from lanewise.scenario.settings import TrapSettings
 from lanewise.system import pinned
 from lanewise.world import build, road, waves
+from lanewise.world.settings import CAR_LENGTH
 from lanewise.world.state import CONSTANT, RULE_BASED, Drivers, World, select_by_index
 
 SPLITS = ("training", "validation", "test")
@@ -41,6 +42,8 @@ _STREAMS = {
     "gap_behind": 12,
 }
 _TRAP_STREAM, _TRAFFIC_STREAM = 20, 21
+BUFFER = 1.0
+"""Distance that an ego which brakes in time keeps from the trap car ahead, m."""
 
 
 def trap_cars(world: World) -> Array:
@@ -162,7 +165,12 @@ def draw(settings: TrapSettings, key: Array, split: str) -> Start:
         between = getattr(settings, f"training_{name}")
         if between:
             drawn[name] = _uniform(jax.random.fold_in(key, stream), *between)
-    return Start.of(settings, **drawn)
+    start = Start.of(settings, **drawn)
+    if settings.training_braking:
+        room = jnp.maximum(front - CAR_LENGTH - BUFFER, 0.0)
+        fastest = start.trap_speed + jnp.sqrt(2.0 * settings.training_braking * room)
+        start = replace(start, ego_speed=jnp.minimum(start.ego_speed, fastest))
+    return start
 
 
 def place(settings: TrapSettings, start: Start, key: Array) -> World:

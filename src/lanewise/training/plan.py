@@ -111,6 +111,8 @@ def _networks(plan: StagePlan) -> Parameters:
     found: Parameters = {}
     for name, settings in plan.config.learning:
         level = plan.config.level(name)
-        sizes = (level.feature_count, settings.learner.hidden, level.choice_count)
-        found[name] = network.init(pinned.key(0), *sizes)
+        learner, sizes = settings.learner, (level.feature_count, level.choice_count)
+        found[name] = network.init(
+            *(pinned.key(0), sizes[0], learner.hidden, sizes[1], learner.layer_normalisation)
+        )
     return found
