@@ -21,6 +21,7 @@ from lanewise.driving.percept import Percept
 from lanewise.export import check, contents, formats, numpy_policy, onnx_model
 from lanewise.export.numpy_policy import Ego, load
 from lanewise.export.recording import Graph, Value
+from lanewise.learning.network import NormalisedLayer
 from lanewise.runs.trained import Trained
 from lanewise.training import recipe
 from lanewise.world import road
@@ -50,6 +51,9 @@ def untrained(case):
             tuple(rng.uniform(-b, b, shape).astype(np.float32) for shape in ((n, m), (m,)))
             for n, m, b in ((level.feature_count, 32, 1.6), (32, level.choice_count, 0.2))
         )
+        if case == "planned":
+            first, *rest = parameters[level.name]
+            parameters[level.name] = (NormalisedLayer(*first), *rest)
     return Trained(name, settings, 0, parameters)
 
 

@@ -2,6 +2,7 @@
 
 import jax
 import numpy as np
+import torch
 
 from lanewise.learning import network
 
@@ -26,3 +27,18 @@ def test_layers_and_seeds_differ():
     assert not np.array_equal(first[0][0], other[0][0])
     assert not np.array_equal(first[0][0], first[1][0])
     assert not np.array_equal(first[0][1], first[0][0][0])
+
+
+def test_normalised_layers_are_those_of_pytorch():
+    parameters = network.init(jax.random.key(0), 6, (16, 8), 3, layer_normalisation=True)
+    features = np.random.default_rng(0).normal(size=(40, 6)).astype(np.float32)
+    activation = torch.tensor(features)
+    for weights, biases in parameters[:-1]:
+        activation = activation @ torch.tensor(np.array(weights)) + torch.tensor(np.array(biases))
+        activation = torch.relu(torch.nn.functional.layer_norm(activation, (len(biases),)))
+    weights, biases = (torch.tensor(np.array(part)) for part in parameters[-1])
+    found = jax.jit(network.q_values)(parameters, features)
+    np.testing.assert_allclose(found, activation @ weights + biases, atol=1e-5)
+    plain = network.init(jax.random.key(0), 6, (16, 8), 3)
+    np.testing.assert_array_equal(plain[0][0], parameters[0].weights)
+    assert not np.allclose(jax.jit(network.q_values)(plain, features), found, atol=0.1)

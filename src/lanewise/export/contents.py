@@ -10,6 +10,7 @@ from lanewise.controllers import goal_critic, goals, planner
 from lanewise.controllers.hierarchical import Hierarchical, Planned
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.export.numpy_policy import FORMAT, VERSION, Policy
+from lanewise.learning.network import NormalisedLayer
 from lanewise.runs.trained import Trained
 from lanewise.system.version import __version__
 from lanewise.training import recipe
@@ -35,6 +36,10 @@ def policy(trained: Trained, digest: str, renewal: str | None = None) -> Policy:
         "actions": asdict(driving.actions),
         "observation": asdict(driving.observation),
         "levels": {name: len(layers) for name, layers in trained.parameters.items()},
+        "layer_normalisation": {
+            name: isinstance(layers[0], NormalisedLayer)
+            for name, layers in trained.parameters.items()
+        },
     }
     arrays: dict[str, NDArray[Any]] = {
         f"{level}/{number}/{name}": np.asarray(array, np.float32)

@@ -24,7 +24,7 @@ from zipfile import ZIP_STORED, ZipFile
 import numpy as np
 from numpy.lib.format import read_array
 
-FORMAT, VERSION = "lanewise-policy", 1
+FORMAT, VERSION = "lanewise-policy", 2
 START: dict[str, dict[str, Any]] = {
     "none": {},
     "held-action": {"held": np.int64(0), "age": np.int64(0)},
@@ -42,6 +42,7 @@ Memory = dict[str, Array]
 LARGEST = 64_000_000
 """Bytes of a file, at most."""
 
+VARIANCE_FLOOR = 1e-5
 LATERAL_RANGE, SPEED_RANGE, GOAL_LIMIT = 4.0, 2.0, 2.0
 HALF_LENGTH, STRAIGHT, HEADING_LIMIT = 2.5, 0.004, 0.2
 LOOK_AHEAD, SPEED_FIRST, REST = 1.0, 1.5, 0.28
@@ -164,6 +165,8 @@ class Policy:
         """Q-values of a level's network: ReLU between the layers, none after the last."""
         for layer in range(self.about["levels"][level]):
             if layer:
+                if self.about["layer_normalisation"][level]:
+                    features = _normalised(features, len(biases))
                 features = np.maximum(features, 0.0)
             weights, biases = (self.arrays[f"{level}/{layer}/{n}"] for n in ("weights", "biases"))
             features = features @ weights + biases
@@ -265,6 +268,13 @@ class Policy:
     def _pull(self, target: Array, speed: Array, quantum: float) -> Array:
         """Sign of the acceleration that brings the speed nearest to its target."""
         return np.minimum(np.maximum(np.rint((target - speed) / quantum), -1.0), 1.0)
+
+
+def _normalised(outputs: Array, count: int) -> Array:
+    """A layer's outputs, [B, count], less their mean, by their standard deviation."""
+    apart = outputs - np.expand_dims(np.sum(outputs, axis=1), 1) / np.float32(count)
+    variance = np.expand_dims(np.sum(np.square(apart), axis=1), 1) / np.float32(count)
+    return apart / np.sqrt(variance + VARIANCE_FLOOR)
 
 
 def _chosen(rows: Array, index: Array) -> Array:

@@ -21,6 +21,7 @@ SAME: dict[Any, str] = {
     np.matmul: "MatMul",
     np.cos: "Cos",
     np.sin: "Sin",
+    np.sqrt: "Sqrt",
     np.rint: "Round",
     np.absolute: "Abs",
     np.negative: "Neg",
