@@ -233,8 +233,8 @@ def test_wrong_inputs_are_refused(files, features, ego, says):
         ("about", "no JSON", "is no .*Expecting value"),
         (
             "about",
-            '{"format": "lanewise-policy", "version": 2}',
-            "has .* version 2, written",
+            '{"format": "lanewise-policy", "version": 3}',
+            "has .* version 3, written",
         ),
         ("low_level/0/weights", None, "is no .*lacks 'low_level/0/weights'"),
         ("low_level/0/weights", np.zeros((27, 32), np.float32), "is no .*mismatch"),

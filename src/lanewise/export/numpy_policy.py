@@ -164,11 +164,11 @@ class Policy:
     def _values(self, level: str, features: Array) -> Array:
         """Q-values of a level's network: ReLU between the layers, none after the last."""
         for layer in range(self.about["levels"][level]):
+            weights, biases = (self.arrays[f"{level}/{layer}/{n}"] for n in ("weights", "biases"))
             if layer:
                 if self.about["layer_normalisation"][level]:
-                    features = _normalised(features, len(biases))
+                    features = _normalised(features, len(weights))
                 features = np.maximum(features, 0.0)
-            weights, biases = (self.arrays[f"{level}/{layer}/{n}"] for n in ("weights", "biases"))
             features = features @ weights + biases
         return features
 
