@@ -1,6 +1,6 @@
 """Who drives the traffic: populations against their sources, and speeds that swing."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -18,12 +18,12 @@ from lanewise.interop.highway_env import build_env
 from lanewise.scenario import drivers, trap
 from lanewise.scenario.populations import POPULATIONS
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
-from lanewise.world import bicycle, steering, tick
+from lanewise.world import bicycle, build, steering, tick
 from lanewise.world.settings import DriverSettings
 from lanewise.world.state import CONSTANT
 
 COUNT, SPEED = 4000, 14.0
-NAMES = [field.name for field in fields(DriverSettings) if field.name != "changes_lanes"]
+NAMES = build.NUMBERS
 
 
 def among(*names):

@@ -38,10 +38,11 @@ def uncompiled():
             rollouts,
         )
 
+    compiled = partial(jax.jit, static_argnames="training")
     world = SimpleNamespace(
-        begin=jax.jit(episode.begin), step=jax.jit(episode.step, static_argnums=(0, 4))
+        begin=jax.jit(episode.begin), step=compiled(episode.step, static_argnums=(0, 4))
     )
-    perceive = jax.jit(percept.perceive, static_argnums=(0, 2))
+    perceive = compiled(percept.perceive, static_argnums=(0, 2))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rollout, "episode", world)
         patch.setattr(rollout, "percept", SimpleNamespace(perceive=perceive))

@@ -229,7 +229,7 @@ def test_without_linear_drivers_nothing_of_them_is_computed(monkeypatch):
         program(LINEAR_DRIVER, PAPER_DRIVER)
     # Nor is a plain vehicle linear, whatever its settings.
     none = build.make_drivers([LINEAR_DRIVER, PAPER_DRIVER], [0, 2])
-    assert len(jax.tree.leaves(none)) == len(fields(Drivers)) - 1
+    assert len(jax.tree.leaves(none)) == len(fields(Drivers)) - 2
     world = replace(single(make_world([0, 30], [0, 0], size=2)), drivers=none)
     seen = motion.observe(world, motion.heading_trig(world.vehicles))
     assert seen.shortfall is neighbours.as_front(world, seen).speed is None

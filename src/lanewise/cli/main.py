@@ -24,7 +24,7 @@ COMMANDS = {
     "compare": "Test several trained controllers on the same starts and show them side by side.",
     "watch": "Draw one test episode from above, with goal, speed and reward.",
     "export": "Write a controller as an ONNX model or for NumPy alone.",
-    "sweep": "Test a trained controller over a grid of starts and draw a map of the results.",
+    "sweep": "Test a trained controller over a grid and draw a map of the results.",
     "reproduce": "Run an experiment of the paper: train its arms, test them, report.",
     "bench": "Measure the speed of Lanewise on this machine.",
     "doctor": "Show what is installed, what is missing for which feature, and what to do.",
