@@ -3,7 +3,7 @@
 python benchmarks/export.py --decisions 10000 --out results/export.json
 
 Trained controllers drive from training starts in their own settings, untrained ones over the starts
-of preset `ranges`: other speeds, and 3 to 5 lanes. An untrained controller's first layer is made
+of preset `driver`: other speeds, and 2 to 5 lanes. An untrained controller's first layer is made
 larger, so that its choices vary.
 """
 
@@ -30,7 +30,7 @@ HIDDEN, ENLARGED = (256, 256), 8.0
 
 def untrained(name, seed, **flags):
     """A controller with random weights."""
-    settings = config.compose(preset="ranges", trap="trap-10", file=None, flags=flags)
+    settings = config.compose(preset="driver", trap="trap-10", file=None, flags=flags)
     parameters = {}
     for number, level in enumerate(recipe.evaluation_config(settings, name).controller.levels):
         key = jax.random.fold_in(jax.random.key(seed), number)

@@ -30,14 +30,26 @@ def _under(names: tuple[str, ...], values: Mapping[str, object]) -> dict[str, ob
     return {f"{name}.{leaf}": value for name in names for leaf, value in values.items()}
 
 
-_RANGES: dict[str, object] = {
+_DRIVER_STARTS: dict[str, object] = {
     "scenario.training_ego_speed": (7.5, 13.5),
     "scenario.training_trap_speed": (7.5, 11.5),
-    "scenario.training_lanes": (3, 5),
-    "scenario.training_front_distance": (14.0, 17.2),
-    "scenario.training_side_distance": (3.2, 8.3),
+    "scenario.training_lanes": (2, 5),
+    "scenario.training_front_distance": (13.5, 22.0),
+    "scenario.training_side_distance": (-2.0, 12.0),
+    "scenario.training_braking": 0.8,
+    "scenario.training_trap_speed_difference": (0.0, 1.0),
+    "scenario.training_traffic_speed": (10.5, 15.0),
+    "scenario.training_spacing": (15.0, 40.0),
+    "scenario.training_vehicles_ahead": (0, 12),
+    "scenario.training_vehicles_behind": (0, 4),
+    "scenario.training_gap_behind": (35.0, 80.0),
+    # Held out, for tests: highd, aggressive, defensive and stop-and-go.
+    "scenario.training_populations": ("paper", "highway-env", "impolite", "timid", "cutting-in"),
+    "driving.observation.variant": "lanes",
+    "driving.reward.accident_penalty": 30.0,
+    "evaluation.duration": 60,
     "evaluation.validation_episodes": 400,
-    "evaluation.validation_interval": 4,
+    "evaluation.validation_interval": 40,
 }
 _WIDE_BUDGET: dict[str, object] = {"worlds": 64}
 # Less noise in each update: half as many for every decision, each over twice as many transitions.
@@ -46,6 +58,7 @@ _WIDE_LEVEL: dict[str, object] = {
     "learner.discount": 0.9,
     "learner.batch_size": 128,
     "learner.replay_capacity": 200_000,
+    "learner.hidden": (256, 256),
 }
 
 PRESETS: dict[str, dict[str, object]] = {
@@ -55,32 +68,33 @@ PRESETS: dict[str, dict[str, object]] = {
     | _PAPER_METHOD
     | _under(("single_level", "low_level", "h_dqn"), {"episodes": 2000, "keep": "last"})
     | _under(("high_level",), {"episodes": 1000, "keep": "best-training"}),
-    "ranges": _RANGES
+    "driver": _DRIVER_STARTS
     | _under((*ONE_LEVEL_STAGES, "h_dqn"), _WIDE_BUDGET)
     | _under((*ONE_LEVEL_STAGES, "h_dqn.high_level", "h_dqn.low_level"), _WIDE_LEVEL)
     | {
-        "high_level.decisions": 640_000,
+        "high_level.decisions": 1_600_000,
         "high_level.duration": 120,
         "high_level.exploration.steps": 100_000,
-        "high_level.learner.learning_rate_decay": 40_000,
-        "low_level.decisions": 960_000,
+        "high_level.learner.learning_rate_decay": 100_000,
+        "low_level.decisions": 2_400_000,
+        "low_level.duration": 120,
         "low_level.exploration.steps": 60_000,
-        "low_level.learner.learning_rate_decay": 60_000,
+        "low_level.learner.learning_rate_decay": 150_000,
         "low_level.tracking_weight": 0.0,
         "low_level.approach_weight": 3.0,
         "low_level.learner.discount": 0.95,
     }
-    | _under(("single_level", "h_dqn"), {"decisions": 1_600_000, "duration": 120})
+    | _under(("single_level", "h_dqn"), {"decisions": 4_000_000, "duration": 120})
     | _under(
         ("single_level", "h_dqn.high_level", "h_dqn.low_level"),
-        {"exploration.steps": 100_000, "learner.learning_rate_decay": 100_000},
+        {"exploration.steps": 100_000, "learner.learning_rate_decay": 250_000},
     ),
 }
 """Training presets: what each changes in the defaults.
 
-``quick`` and ``paper`` train on the paper's ranges of D1 and D2; ``ranges`` also over ego speeds,
-trap speeds and numbers of lanes (docs/ranges.md). ``paper`` is what the paper states, in one world,
-with highway-env's own scaling. Of what ``quick`` adds to the method it has only rows 22b and 30.
+``quick`` and ``paper`` train on the paper's ranges of D1 and D2; ``driver`` over all that varies at
+a start, on relative features alone (docs/driver.md). ``paper`` is what the paper states, in one
+world, with highway-env's own scaling. Of what ``quick`` adds to the method it has only rows 22b and 30.
 """
 
 TRAPS: dict[str, dict[str, object]] = {
