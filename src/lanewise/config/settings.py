@@ -94,7 +94,8 @@ PRESETS: dict[str, dict[str, object]] = {
 
 ``quick`` and ``paper`` train on the paper's ranges of D1 and D2; ``driver`` over all that varies at
 a start, on relative features alone (docs/driver.md). ``paper`` is what the paper states, in one
-world, with highway-env's own scaling. Of what ``quick`` adds to the method it has only rows 22b and 30.
+world, with highway-env's own scaling. Of what ``quick`` adds to the method it has only rows 22b
+and 30.
 """
 
 TRAPS: dict[str, dict[str, object]] = {
