@@ -1,6 +1,6 @@
 """Test trained controllers under every variation that docs/driver.md lists, for 25, 60 and 120 s.
 
-    python benchmarks/driver.py pretrained/driver --out results/driver/rows.json
+    python benchmarks/driver.py runs/driver/seed-0 --out results/driver/rows.json
 
 Every row changes some settings of the paper's test start. Episode i of a row is start i of the
 seed, as in ``lanewise evaluate``. One drive of 120 s is judged at each horizon: an accident counts
@@ -31,7 +31,7 @@ TRAFFIC, DRIVER = "scenario.traffic", "scenario.traffic.driver"
 
 
 def _driver(times: float, **others: float) -> dict[str, object]:
-    """Traffic that accelerates and brakes so many times harder than the paper's."""
+    """Traffic whose IDM has so many times the paper's a and b; the limit stays 1 m/s^2."""
     sizes = dict.fromkeys(("comfort_acceleration", "comfort_deceleration"), 0.5 * times)
     return {f"{DRIVER}.{name}": value for name, value in (sizes | others).items()}
 

@@ -84,6 +84,9 @@ def populations() -> str:
             if name != "target_speed"
             and (value := getattr(population.driver, name)) != getattr(PAPER_DRIVER, name)
         }
+        if population.driver.model == "linear":
+            gains = vars(population.driver.linear)
+            fixed |= {f"linear.{name}": (value, value) for name, value in gains.items()}
         numbers = fixed | dict(population.ranges) | {"desired speed": population.desired_speed}
         if population.waves:
             numbers |= {"wave": population.wave, "period": population.period}

@@ -60,9 +60,10 @@ def run(parsed: Parsed[Export]) -> int:
     from lanewise.export import contents
     from lanewise.runs import trained
 
-    controller = evaluate_trained.with_changes(trained.load(command.run), command.test, tell)
+    own = trained.load(command.run)
+    controller = evaluate_trained.with_changes(own, command.test, tell)
     digest = RunFolder.open(pretrained.locate(command.run)).digest
-    policy = contents.policy(controller, digest, command.renewal)
+    policy = contents.policy(own, digest, command.renewal)
     formats.save(policy, command.out)
     tell(f"wrote {command.out}")
     found = _compare(controller, command) if command.check else None
@@ -88,5 +89,5 @@ def _compare(controller: "Trained", command: Export) -> "Agreement":
             command.seed,
             command.renewal,
             reporter.update,
-            "test" if any(name.startswith("scenario.") for name in command.test) else "training",
+            "test" if set(command.test) - {"evaluation.duration"} else "training",
         )

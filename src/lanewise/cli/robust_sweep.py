@@ -45,8 +45,9 @@ def run(parsed: "Parsed[Sweep]") -> int:
     own = config.replace(folder.settings, command.test)
     for group in grid.groups():
         for condition in group:
-            if both := set(condition.settings) & set(command.test):
-                raise SettingsError(f"{flag_of(both.pop())} is varied by grid robust; leave it out")
+            varied = {*condition.settings, "evaluation.duration"}
+            if both := varied & set(command.test):
+                raise SettingsError(f"{flag_of(both.pop())} is grid robust's own; leave it out")
             settings_under(own, condition)
     extras.check()
     if (command.out / PAGE).exists():
@@ -170,6 +171,7 @@ def _report(
         training_seed=folder.seed,
         trained_by=folder.source,
         settings=config.flatten(controller.settings),
+        changes=command.test,
         seen=conditions.seen_in_training(folder.settings.scenario),
         grid=grid,
         episodes=command.episodes,

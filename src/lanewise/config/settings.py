@@ -105,7 +105,8 @@ TRAPS: dict[str, dict[str, object]] = {
 """Scenario presets: what each changes in the defaults."""
 
 
-_OF_TEST = ("evaluation.duration", "driving.latency", "driving.observation.noise")
+OF_TEST = ("evaluation.duration", "driving.latency", "driving.observation.noise")
+"""Settings of a test outside its scenario."""
 
 
 def of_test(name: str) -> bool:
@@ -115,4 +116,4 @@ def of_test(name: str) -> bool:
     """
     if name.startswith(("scenario.training_", "scenario.ego_driver")):
         return False
-    return name.startswith("scenario.") or name in _OF_TEST
+    return name.startswith("scenario.") or name in OF_TEST

@@ -216,7 +216,7 @@ def _check_driving(settings: Settings) -> None:
         longest = driving.latency_ticks(name != "latency")[1]
         if longest >= driving.ticks_per_decision:
             raise SettingsError(
-                f"driving.{name} must be less than a decision "
+                f"driving.{name} in whole ticks must be less than a decision "
                 f"({show(driving.decision_duration)} s), got {show(getattr(driving, name))}"
             )
     noise = driving.observation.training_noise

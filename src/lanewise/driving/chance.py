@@ -1,7 +1,7 @@
 """Chance that is drawn from a world itself, so that it needs no state of its own.
 
-The same world draws the same, and after a tick it has nothing in common. So noise and latency are
-the same for everybody who simulates a world, wherever that is.
+A world that is the same to the bit draws the same; once anybody has moved, it has nothing in
+common with what was drawn before.
 """
 
 import jax
@@ -34,4 +34,4 @@ def noisy(features: Array, world: World, size: tuple[float, float]) -> Array:
 
 def ticks(world: World, low: int, high: int) -> Array:
     """A whole number between two, both included, int32 []."""
-    return jax.random.randint(jax.random.fold_in(key(world), 1), (), low, high + 1, jnp.int32)
+    return jax.random.randint(jax.random.fold_in(key(world), 2), (), low, high + 1, jnp.int32)

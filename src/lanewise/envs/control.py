@@ -62,7 +62,10 @@ class DirectControl:
 
     def drive(self, config: EnvConfig, state: Episode, memory: tuple[()], action: Array) -> Driven:
         """One decision."""
-        after = episode.step(config.driving, state, action, config.duration, config.task)
+        after = episode.step(
+            *(config.driving, state, action, config.duration, config.task),
+            training=config.split != "test",
+        )
         return after, memory, after.outcome.reward
 
 
@@ -103,7 +106,10 @@ class GoalControl:
             state, memory, reward = carry
             seen = percept.perceive(config.driving.observation, state.world)
             low_level, memory = planned.act(memory, seen)
-            state = episode.step(config.driving, state, low_level, config.duration, config.task)
+            state = episode.step(
+                *(config.driving, state, low_level, config.duration, config.task),
+                training=config.split != "test",
+            )
             memory = planned.perceive(
                 memory, percept.perceive(config.driving.observation, state.world)
             )

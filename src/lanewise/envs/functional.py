@@ -13,9 +13,10 @@ import jax.numpy as jnp
 from jax import Array
 
 from lanewise.config.validation import check_duration
-from lanewise.driving import episode, headway, restarting
+from lanewise.driving import episode, headway, percept, restarting
 from lanewise.driving.actions import are_numbers
 from lanewise.driving.episode import Episode
+from lanewise.driving.percept import Percept
 from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions, checked
 from lanewise.envs import keywords
 from lanewise.envs.control import Control, DirectControl, EnvConfig, GoalControl
@@ -24,6 +25,7 @@ from lanewise.fields.ranges import Between, FieldType
 from lanewise.fields.suggestions import look_up
 from lanewise.scenario.trap import SPLITS
 from lanewise.system import pinned, process
+from lanewise.world.state import World
 
 ACTIONS = ("low-level", "goal", "continuous")
 """What an action may be, see `lanewise.envs.control`."""
@@ -158,13 +160,19 @@ def _check_kind(control: Control, action: Array) -> None:
         raise ActionError(f"an action must be {wanted}, got {action.dtype} of shape {action.shape}")
 
 
+def observed(config: EnvConfig, world: World) -> Percept:
+    """What there is to see; in other splits than tests with the noise of training."""
+    training = config.split != "test"
+    return percept.perceive(config.driving.observation, world, config.task, training)
+
+
 def after_step(config: EnvConfig, after: Episode, memory: Any, reward: Array) -> tuple[State, Step]:
     """The state after a step, and what it shows, whoever simulated it."""
     state = State(after, memory, reward)
     outcome = after.outcome
     near = headway.of_ego(after.world)
     return state, Step(
-        observation=config.task.observe(config.driving.observation, after.world),
+        observation=observed(config, after.world).features,
         reward=reward,
         terminated=outcome.terminated,
         truncated=outcome.truncated,

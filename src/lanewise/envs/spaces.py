@@ -43,10 +43,12 @@ def of_actions(config: EnvConfig) -> Discrete | Box:
 
 @pinned.switches()
 def of_observations(config: EnvConfig) -> Space[NDArray[np.float32]]:
-    """What `functional.step` shows; without limits where a user's own function observes."""
-    limit = np.inf
-    if config.task.observe is PAPER_TASK.observe:
-        limit = config.driving.observation.limit
+    """What `functional.step` shows; under noise, or seen by a user's function, without limits."""
+    limit, seen = np.inf, config.driving.observation
+    if config.task.observe is PAPER_TASK.observe and not any(
+        seen.noise_range(training)[1] for training in (False, True)
+    ):
+        limit = seen.limit
     size = config.task.validate(config.scenario, config.driving)
     box: Any = Box(-limit, limit, (size,), np.float32)
     return box  # type: ignore[no-any-return]

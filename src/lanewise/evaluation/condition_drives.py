@@ -2,7 +2,7 @@
 
 Episode e of every condition is start e of the seed, so that a cell's episodes are those of
 ``lanewise evaluate`` with the condition's settings. All worlds are made as wide and as full as the
-largest: only noise and latency, which are static, need programs of their own.
+largest: only noise and latency, which are static, and linear drivers need programs of their own.
 """
 
 from collections.abc import Callable, Iterator, Sequence

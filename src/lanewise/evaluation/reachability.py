@@ -252,7 +252,7 @@ def begin(config: ReachabilityConfig, start: Start) -> World:
     traffic = replace(config.scenario.traffic, vehicles_ahead=0, vehicles_behind=0)
     scenario = replace(config.scenario, traffic=traffic)
     alone = replace(start, vehicles_ahead=0, vehicles_behind=0)
-    # The key draws traffic alone, and this start has no traffic.
+    # The key draws traffic and the phases of waves; this start has neither.
     world = trap.place(scenario, alone, pinned.key(0))
     grown = 2.0 * config.clearance * jnp.asarray([0.0, 1.0, 1.0])
     drivers = world.drivers

@@ -49,7 +49,9 @@ def reach(
         points: in an order in which neighbours are alike: escapes of the last ones are tried first.
         known: escapes found before.
     """
-    strict = ReachabilityConfig(test.scenario, test.driving, test.duration)
+    # The search knows no latency.
+    driving = replace(test.driving, latency=0.0)
+    strict = ReachabilityConfig(test.scenario, driving, test.duration)
     wide = replace(strict, clearance=clearance)
     pool = dict.fromkeys(tuple(map(int, escape)) for escape in known if escape)
     for point in points:

@@ -10,6 +10,8 @@ TRAINING_STARTS = "scenario.training_"
 """Begins the scenario settings that tests do not use."""
 CONTROLLERS_OWN = ("driving.observation.", "driving.actions.")
 """What a controller observes and can do: part of it, not of the test."""
+NOISE = "driving.observation.noise"
+"""Of the test though: it is the world's doing."""
 DURATION = "evaluation.duration"
 TRAP = "trap-10"
 """The scenario of the published tests; the published training speed fits either (row 5)."""
@@ -41,6 +43,8 @@ def unlike_training(settings: Settings) -> str:
 
 
 def _of_the_task(name: str) -> bool:
+    if name == NOISE:
+        return True
     return name.startswith(("scenario.", "driving.")) and not name.startswith(CONTROLLERS_OWN)
 
 

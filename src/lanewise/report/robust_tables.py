@@ -38,7 +38,9 @@ class RobustResult:
     trained_by: Mapping[str, Any]
     """The code its run was made with (`version.source`)."""
     settings: Mapping[str, Any]
-    """Of its run, by dotted name."""
+    """Of its run, by dotted name, with the changes."""
+    changes: Mapping[str, Any]
+    """What the test changed besides, by dotted name."""
     seen: tuple[str, ...]
     """Populations it has met in training."""
     grid: ConditionGrid
@@ -165,8 +167,8 @@ def watch_line(result: RobustResult, cell: ConditionCell) -> str:
     """The command that draws a cell's first accident by the judged horizon."""
     words = ["--episode", cell.outcome.first_accident[JUDGED]]
     words += ["--seed", result.seed, "--evaluation.duration", HORIZONS[JUDGED]]
-    for name, value in cell.condition.settings.items():
-        if value != result.settings[name]:
+    for name, value in {**result.changes, **cell.condition.settings}.items():
+        if name in result.changes or value != result.settings[name]:
             several = value if isinstance(value, tuple) else (value,)
             words += [f"--{name.replace('_', '-')}", *(several or ("none",))]
     return shell_line("lanewise", "watch", result.run, *words, "-o", "clip.mp4")

@@ -41,14 +41,14 @@ def of_traffic(settings: TrapSettings, key: Array, count: int, speed: ArrayLike)
     }
     desired, wave, period, phase = shares[len(names) :]
     target = drawn([kind.desired_speed for kind in kinds], desired) * speed
+    # One driver of each population, of whom each vehicle takes that of its own.
+    models = build.make_drivers([kind.driver for kind in kinds], [RULE_BASED] * len(kinds))
     numbers |= {
         "target_speed": target,
         "slip_limit": slip_sine(numbers.pop("steering_limit")),
+        "changes_lanes": models.changes_lanes[which],
+        "linear": jax.tree.map(lambda values: values[which], models.linear),
     }
-    # As many as there are populations, of which each vehicle takes those of its own.
-    linear = build.make_drivers([kind.driver for kind in kinds], [RULE_BASED] * len(kinds)).linear
-    if linear is not None:
-        numbers["linear"] = jax.tree.map(lambda values: values[which], linear)
     if has_waves(settings):
         amplitude = target * drawn([kind.wave for kind in kinds], wave)
         numbers["waves"] = Waves(target, amplitude, drawn([k.period for k in kinds], period), phase)

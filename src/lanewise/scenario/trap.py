@@ -42,6 +42,8 @@ _STREAMS = {
     "gap_behind": 12,
 }
 _TRAP_STREAM, _TRAFFIC_STREAM = 20, 21
+WHOLE = ("lanes", "vehicles_ahead", "vehicles_behind")
+"""What is drawn as a whole number."""
 BUFFER = 1.0
 """Distance that an ego which brakes in time keeps from the trap car ahead, m."""
 
@@ -164,7 +166,8 @@ def draw(settings: TrapSettings, key: Array, split: str) -> Start:
     for name, stream in _STREAMS.items():
         between = getattr(settings, f"training_{name}")
         if between:
-            drawn[name] = _uniform(jax.random.fold_in(key, stream), *between)
+            draws = _whole if name in WHOLE else _uniform
+            drawn[name] = draws(jax.random.fold_in(key, stream), *between)
     start = Start.of(settings, **drawn)
     if settings.training_braking:
         room = jnp.maximum(front - CAR_LENGTH - BUFFER, 0.0)
@@ -226,10 +229,13 @@ def _distances(settings: TrapSettings, key: Array) -> tuple[Array, Array]:
     return low1 + (high1 - low1) * draw[0], low2 + (high2 - low2) * draw[1]
 
 
+def _whole(key: Array, low: int, high: int) -> Array:
+    """A whole number between two, both included."""
+    return jax.random.randint(key, (), low, high + 1, jnp.int32)
+
+
 def _uniform(key: Array, low: float, high: float) -> Array:
-    """A number between two; a whole one, both ends included, between whole ones."""
-    if isinstance(low, int):
-        return jax.random.randint(key, (), low, high + 1, jnp.int32)
+    """A number between two."""
     return low + (high - low) * jax.random.uniform(key, (), jnp.float32)
 
 
@@ -260,6 +266,8 @@ def _drivers(
     others = drivers.of_traffic(settings, traffic_key, traffic, start.traffic_speed)
     if others.linear is not None and own.linear is None:
         own = replace(own, linear=build.nobody_linear(3))
+    if own.linear is not None and others.linear is None:
+        others = replace(others, linear=build.nobody_linear(traffic))
     everybody: Drivers = jax.tree.map(lambda *parts: jnp.concatenate(parts), own, others)
     traffic_speeds = jnp.full(traffic, start.traffic_speed, jnp.float32)
     speed = jnp.concatenate([first_three, traffic_speeds])

@@ -54,9 +54,8 @@ def _make_linear(settings: Sequence[DriverSettings], kinds: Sequence[int]) -> Li
 
 def nobody_linear(count: int) -> Linear:
     """The linear model for ``count`` drivers of whom none drives by it."""
-    made = make_drivers([replace(DriverSettings(), model="linear")] * count, [RULE_BASED] * count)
-    assert made.linear is not None
-    return replace(made.linear, applies=jnp.zeros(count, bool))
+    names = [field.name for field in fields(LinearSettings)]
+    return Linear(applies=jnp.zeros(count, bool), **_columns([LinearSettings()] * count, names))
 
 
 def _columns(rows: Sequence[object], names: Sequence[str]) -> dict[str, Array]:
