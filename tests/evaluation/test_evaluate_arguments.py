@@ -142,7 +142,7 @@ def test_results_are_written_to_paths(found, write):
         ({"scaling": "highway-env", "goals": {"time_limit": 9.0}}, ""),
         ({"duration": 40}, "evaluation.duration is 40.0, not 25"),
         ({"trap": "trap-10.9"}, "scenario.trap_speed is 10.9, not 10.0"),
-        ({"preset": "driver"}, ""),
+        ({"preset": "driver"}, "driving.reward.accident_penalty is 30.0, not 10.0"),
         ({"split": "training"}, "its starts are those of training"),
         ({"task": PARTS}, f"reward: {__name__}.hurry"),
     ],
