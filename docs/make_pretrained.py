@@ -2,44 +2,59 @@
 
     python docs/make_pretrained.py RUN NAME
     python docs/make_pretrained.py out/runs/hierarchical hierarchical
+    python docs/make_pretrained.py runs/driver driver --choose median
 
-Of a folder of runs it takes the one whose weights did best on validation starts. Copies the run's
-settings and weights, not its metrics, and writes `provenance.json`: the training seed, the
-validation figures by which its weights were chosen, those of the other runs, its tests where the
-run folder has them, versions, machine and date.
+Of a folder of runs it takes the one whose weights did best on fresh validation starts, or the
+median one. Copies the run's settings and weights, not its metrics, and writes `provenance.json`:
+the training seed, the figures of all runs on those starts, tests, versions, machine and date. A run
+folder without tests is tested here, as `lanewise evaluate` does, with its own settings.
 """
 
+import argparse
 import json
 import shutil
 import sys
 from pathlib import Path
 from typing import Any
 
+from lanewise.evaluation import metrics
+from lanewise.experiments import evaluate_trained
 from lanewise.report import provenance
 from lanewise.runs import metrics_file, pretrained, selected_weights, trained
+from lanewise.runs.trained import Trained
+from lanewise.system.progress import Progress
 
 KEPT = ("run.json", "settings.toml", "controller.json", "controller.safetensors")
+EPISODES = 1000
 
 
 def main() -> None:
     """Copy the run and write its provenance."""
-    source, name = Path(sys.argv[1]), sys.argv[2]
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("run", type=Path, metavar="RUN")
+    parser.add_argument("name", metavar="NAME")
+    parser.add_argument("--choose", choices=("best", "median"), default="best")
+    asked = parser.parse_args()
+    source: Path = asked.run
     runs = [source] if (source / "run.json").exists() else sorted(source.glob("seed-*"))
     found = {run: chosen_by(run) for run in runs}
     last = {run.name: list(stages.values())[-1] for run, stages in found.items()}
-    run = max(runs, key=lambda run: last[run.name]["score"])
+    ordered = sorted(runs, key=lambda run: last[run.name]["score"])
+    run = ordered[-1] if asked.choose == "best" else ordered[(len(ordered) - 1) // 2]
     controller = trained.load(run)
-    target = pretrained.PRETRAINED / name
+    target = pretrained.PRETRAINED / asked.name
     target.mkdir(parents=True, exist_ok=True)
     for file in KEPT:
         shutil.copyfile(run / file, target / file)
+    tests = {path.stem: json.loads(path.read_text()) for path in run.glob("tests/*.json")}
     story = {
         "controller": controller.name,
         "seed": controller.seed,
         "run": json.loads((run / "run.json").read_text()),
+        "chosen": asked.choose,
         "validation": found[run],
         "candidates": last,
-        "tests": {path.stem: json.loads(path.read_text()) for path in run.glob("tests/*.json")},
+        "tests": tests or {"lanewise": {"summary": tested(controller)}},
         **provenance.origin(),
     }
     (target / "provenance.json").write_text(json.dumps(story, indent=1) + "\n")
@@ -58,6 +73,16 @@ def chosen_by(run: Path) -> dict[str, dict[str, Any]]:
         | {"score": weights.score}
         for weights in selected_weights.of_run(metrics_file.read(run / "metrics.jsonl"))
     }
+
+
+def tested(controller: Trained) -> dict[str, Any]:
+    """A test with its own settings, from the starts of its training seed."""
+    with Progress() as reporter:
+        episodes = evaluate_trained.evaluate(
+            controller, "lanewise", EPISODES, controller.seed, reporter
+        )
+    found = metrics.summarise(episodes, controller=controller.name, world="lanewise")
+    return found.to_json()
 
 
 if __name__ == "__main__":
