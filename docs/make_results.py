@@ -210,6 +210,7 @@ TABLES: dict[str, Callable[..., str]] = {
     "readings": readings,
     "speed": lambda report: measured_tables.speed(_read(report), _machine(_read(report))),
     "ratios": lambda report: measured_tables.ratios(_read(report)),
+    "driver": lambda stored: measured_tables.driver(_read(stored)),
     "campaigns": lambda folder: measured_tables.campaigns(RESULTS / folder),
 }
 """By the kind that a mark names."""

@@ -66,12 +66,18 @@ def sections(owner: type, prefix: str = "") -> list[str]:
 
 
 def presets(title: str, table: dict[str, dict[str, object]]) -> str:
-    """What each preset changes in the defaults."""
-    lines = [f"## {title}", ""]
+    """What each preset changes in the defaults, as TOML."""
+    parts = [f"## {title}"]
     for name, changes in table.items():
-        listed = ", ".join(f"`{key}` {value(change)}" for key, change in changes.items())
-        lines.append(f"- **{name}**: {listed or 'the defaults'}")
-    return "\n".join(lines)
+        below: dict[str, list[str]] = {}
+        for key, change in changes.items():
+            section, _, leaf = key.rpartition(".")
+            below.setdefault(section, [f"[{section}]"]).append(f"{leaf} = {value(change)}")
+        toml = "\n\n".join("\n".join(lines) for lines in below.values())
+        parts.append(
+            f"**{name}**:\n\n```toml\n{toml}\n```" if toml else f"**{name}**: the defaults."
+        )
+    return "\n\n".join(parts)
 
 
 def populations() -> str:

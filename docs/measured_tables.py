@@ -1,8 +1,8 @@
-"""Tables of the benchmark and of the campaigns from their stored files, for ``make_results.py``."""
+"""Tables of benchmarks and campaigns from their stored files, for ``make_results.py``."""
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,9 @@ import ages
 
 from lanewise.bench.session import extras, number
 from lanewise.bench.suite import Measurement
+from lanewise.evaluation.conditions import ConditionOutcome
+from lanewise.report import tables
+from lanewise.runs import pretrained
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import ratios as compared
@@ -49,6 +52,36 @@ def speed(bench: Any, machine: str) -> str:
 
 def _measured(bench: Any) -> list[Measurement]:
     return [Measurement(**figure) for figure in bench["figures"]]
+
+
+def driver(stored: Any) -> str:
+    """Every row of `benchmarks/driver.py`: the shipped seed, in parentheses all seeds."""
+    story = pretrained.PRETRAINED / "driver" / "provenance.json"
+    shipped = json.loads(story.read_text())["seed"]
+    runs = sorted(stored["runs"].values(), key=lambda run: run["training_seed"] != shipped)
+    heads = [f"seed {shipped} ({len(runs)} seeds), %", "success, 25 s"]
+    heads += [f"accidents, {second} s" for second in stored["horizons"]]
+    rows = []
+    for row in runs[0]["rows"]:
+        tested = [ConditionOutcome(**run["rows"][row]) for run in runs]
+        accidents = (
+            [100 * each.at(horizon).rate("accidents") for each in tested]
+            for horizon in range(len(stored["horizons"]))
+        )
+        successes = [100 * each.at(0).rate("successes") for each in tested]
+        rows.append([row, _spread(successes), *map(_spread, accidents)])
+    means = (
+        f"{name.replace('_', ' ')} {_spread([run['paper_means'][name] for run in runs])}"
+        for name in runs[0]["paper_means"]
+    )
+    told = f"At the paper's test start in 25 s: {', '.join(means)}."
+    return f"{tables.markdown(heads, rows)}\n\n{told}\n"
+
+
+def _spread(values: Sequence[float]) -> str:
+    """The first, and the lowest and highest of several."""
+    every = f" ({min(values):.2f} to {max(values):.2f})" if len(values) > 1 else ""
+    return f"{values[0]:.2f}{every}"
 
 
 def campaigns(results: Path) -> str:
