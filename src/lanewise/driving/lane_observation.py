@@ -16,8 +16,11 @@ RANGE = 100.0
 """Vehicles with a larger gap are not observed, m."""
 LIMIT = 3.0
 """Features are clipped to plus and minus this."""
-SIDES = (("left", -1), ("own", 0), ("right", 1))
-"""The lanes that are observed, by how far they are to the right."""
+SIDES = (("second left", -2), ("left", -1), ("own", 0), ("right", 1), ("second right", 2))
+"""The lanes that are observed, by how far they are to the right.
+
+Two to either side: a vehicle of the second lane may change into the next one when the ego does.
+"""
 
 
 class Feature(NamedTuple):
