@@ -158,8 +158,12 @@ def test_without_a_run_the_shipped_driver_is_tested_and_drawn(capsys):
 
 
 def test_a_test_takes_settings_of_its_own_and_no_others():
-    words = ["a", "b", "--scenario.trap_speed", "8", "--evaluation.duration=60"]
-    wanted = {"scenario.trap_speed": 8.0, "evaluation.duration": 60}
+    wanted = {
+        "scenario.trap_speed": 8.0,
+        "driving.reward.accident_penalty": 20.0,
+        "evaluation.duration": 60,
+    }
+    words = ["a", "b", *(f"--{name}={value}" for name, value in wanted.items())]
     assert parse(compare_command.Compare, words).command.test == wanted
     for name in ("goals.time-limit", "scenario.training-lanes", "evaluation.fresh-episodes"):
         with pytest.raises(SettingsError, match="unknown option"):

@@ -184,7 +184,10 @@ def test_all_drive_the_scenario_of_one(runs, capsys):
     [
         (["s0", "fast"], "not tested alike: scenario.trap_speed is 10.0, not 10.9"),
         (["s0", "penalised"], "driving.reward.accident_penalty is 10.0, not 5.0"),
-        (["s0", "penalised", "--scenario-of", "s0"], "accident_penalty is 10.0, not 5.0"),
+        (
+            ["s0", "penalised", "--scenario-of", "s0"],
+            "--driving.reward.accident-penalty VALUE tests",
+        ),
         (["s0"], "a comparison needs at least two runs, got 1"),
         (["s0", "s1", "s0"], "s0 and s0 are the same run twice: single-level, the same settings"),
         (["s0", "s1", "--markdown", "c.md", "--csv", "./c.md"], "c.md is named for two results;"),

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lanewise import config
-from lanewise.cli.command_line import Changes, Parsed
-from lanewise.config.settings import Settings
+from lanewise.cli.command_line import Changes, Parsed, flag_of
+from lanewise.config.settings import Settings, of_test
 from lanewise.errors import RunError, shell_line
 from lanewise.evaluation.settings import WORLDS
 from lanewise.experiments.published import belongs_to_test
@@ -130,9 +130,13 @@ def _settings(
     for folder, own in zip(folders[1:], settings[1:], strict=True):
         for name, (first, other) in config.differences([settings[0], own]).items():
             if belongs_to_test(name):
-                hint = "\n  --scenario-of RUN tests all in that run's scenario"
+                hint = ""
+                if name.startswith("scenario."):
+                    hint = "\n  --scenario-of RUN tests all in that run's scenario"
+                elif of_test(name):
+                    hint = f"\n  {flag_of(name)} VALUE tests all alike"
                 raise RunError(
                     f"{folders[0].path} and {folder.path} are not tested alike: {name} is "
-                    f"{show(first)}, not {show(other)}{hint * name.startswith('scenario.')}"
+                    f"{show(first)}, not {show(other)}{hint}"
                 )
     return settings

@@ -109,14 +109,15 @@ TRAPS: dict[str, dict[str, object]] = {
 
 
 OF_TEST = ("evaluation.duration", "driving.latency", "driving.observation.noise")
-"""Settings of a test outside its scenario."""
+"""Settings of a test outside its scenario and its reward."""
 
 
 def of_test(name: str) -> bool:
     """Whether a test of a controller may have another value of a setting than its training.
 
-    All else is part of the controller, or speaks of training starts.
+    Scenario, reward and length are; all else is part of the controller, or speaks of training
+    starts.
     """
     if name.startswith(("scenario.training_", "scenario.ego_driver")):
         return False
-    return name.startswith("scenario.") or name in OF_TEST
+    return name.startswith(("scenario.", "driving.reward.")) or name in OF_TEST

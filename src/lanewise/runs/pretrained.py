@@ -13,7 +13,7 @@ from lanewise.runs.run_folder import RunFolder, split
 
 PRETRAINED = Path(__file__).parent / "pretrained"
 """Where the trained ones lie."""
-DRIVER = Path("pretrained/hierarchical")
+DRIVER = Path("pretrained/driver")
 """Who is tested and drawn where no run is named."""
 
 
