@@ -23,6 +23,7 @@ from lanewise.evaluation.conditions import (
     ConditionGrid,
     ConditionOutcome,
 )
+from lanewise.evaluation.grid import check_searchable
 from lanewise.runs import pretrained
 from lanewise.runs.run_folder import RunFolder
 from lanewise.system import extras
@@ -43,6 +44,7 @@ def run(parsed: "Parsed[Sweep]") -> int:
     command = replace(parsed.command, episodes=episodes)
     folder = RunFolder.open(pretrained.locate(command.run))
     own = config.replace(folder.settings, command.test)
+    check_searchable(own.scenario)
     for group in grid.groups():
         for condition in group:
             varied = {*condition.settings, "evaluation.duration"}

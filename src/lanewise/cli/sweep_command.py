@@ -146,11 +146,7 @@ def _grid(parsed: Parsed[Sweep]) -> Grid:
 def _check(grid: Grid, settings: Settings) -> None:
     """Refuses an axis that names a value twice, and starts that no run could have."""
     grids.check(grid)
-    if settings.scenario.trap_speed_wave:
-        raise SettingsError(
-            "--scenario.trap-speed-wave: whether a start can be won is searched for with trap cars "
-            "of constant speed; leave it out"
-        )
+    grids.check_searchable(settings.scenario)
     # With the most vehicles behind: whether they fit depends on the spacing.
     crowded = {grids.SETTINGS["vehicles_behind"]: max(grid.vehicles_behind)}
     for axis, setting in grids.SETTINGS.items():
