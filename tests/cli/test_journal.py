@@ -1,6 +1,7 @@
 """The journal of a sweep: how it is begun, and what is in the way of that."""
 
 import os
+from pathlib import Path
 
 import pytest
 
@@ -24,6 +25,18 @@ def test_what_a_kill_leaves_of_a_beginning_is_not_in_the_way(tmp_path):
     (tmp_path / (path.name + PARTIAL)).write_text('{"kind"')
     assert len(begin(path)) == 1
     assert sorted(os.listdir(tmp_path)) == [path.name]
+
+
+def test_what_is_published_takes_the_place_of_the_journal(tmp_path):
+    def write(drawn):
+        for name in ("map.json", "map.md"):
+            (Path(drawn) / name).write_text(name)
+        return Path(drawn) / "map.md"
+
+    book = journal.open_(tmp_path / "progress.json", IDENTITY, PointResult)
+    with book.folder:
+        assert book.publish(write) == tmp_path / "map.md"
+    assert sorted(os.listdir(tmp_path)) == ["map.json", "map.md"]
 
 
 def test_a_damaged_journal_is_said_to_be_damaged_and_stays(tmp_path):

@@ -182,6 +182,11 @@ def test_sweep_refuses_before_it_works(whole, tmp_path, capsys):
     ):
         assert main(sweep_words(whole, tmp_path / "map", **changes)) == 2
         assert hint in capsys.readouterr().err
+    waves = ["--scenario.trap-speed-wave", "2"]
+    robust = ["sweep", str(whole), "--out", str(tmp_path / "map"), "--grid", "robust"]
+    for words in (sweep_words(whole, tmp_path / "map"), robust):
+        assert main(words + waves) == 2
+        assert "--scenario.trap-speed-wave must be 0: whether a start" in capsys.readouterr().err
     twice = ["--scenario.lanes", "3"]
     assert main(sweep_words(whole, tmp_path / "map") + twice) == 2
     said = capsys.readouterr().err

@@ -76,6 +76,51 @@ def test_digest_follows_values_not_how_they_were_given():
             "scenario.traffic.vehicles_behind = 1; scenario.test_side_distance = -35.0",
             "scenario.test_side_distance must be more than -35.0 m, or the trap car stands among",
         ),
+        ("scenario.training_spacing = [8.0, 30.0]", "scenario.training_spacing minus scenario."),
+        (
+            "scenario.traffic.vehicles_behind = 1; scenario.training_gap_behind = [10.0, 45.0]",
+            "scenario.training_gap_behind minus scenario.traffic.spacing_jitter must be more than",
+        ),
+        (
+            "scenario.training_vehicles_behind = [0, 1]; scenario.training_gap_behind = [12, 45]; "
+            "scenario.training_side_distance = [-2.0, 5.0]",
+            "scenario.training_side_distance must be more than -2.0 m, or the trap car stands "
+            "among the traffic behind: scenario.training_gap_behind less",
+        ),
+        # Without a range in training, the value of the tests counts.
+        (
+            "scenario.traffic.vehicles_behind = 1; scenario.training_side_distance = [-35.0, 5.0]",
+            "scenario.training_side_distance must be more than -35.0 m, or the trap car stands "
+            "among the traffic behind: scenario.traffic.gap_behind less",
+        ),
+        (
+            "scenario.trap_speed = 8.0; scenario.trap_speed_wave = 8.0",
+            "scenario.trap_speed_wave must be less than the lowest speed of the trap (8.0 m/s), "
+            "or trap cars drive backwards; got 8.0",
+        ),
+        (
+            "scenario.training_trap_speed = [6, 12]; scenario.training_trap_speed_wave = [0, 7]",
+            "scenario.training_trap_speed_wave must be less than the lowest speed of the trap (6.0",
+        ),
+        (
+            "scenario.training_trap_speed_wave = [0.0, 10.0]",
+            "scenario.training_trap_speed_wave must be less than the lowest speed of the trap (10",
+        ),
+        (
+            "scenario.training_trap_speed = [6.0, 12.0]; scenario.trap_speed_wave = 7.0",
+            "scenario.training_trap_speed_wave must be less than the lowest speed of the trap (6.0",
+        ),
+        ("driving.latency = 0.46", "driving.latency in whole ticks must be less than a decision"),
+        (
+            "driving.training_latency = [0.0, 0.5]",
+            "driving.training_latency in whole ticks must be less than a decision (0.5 s), "
+            "got [0.0, 0.5]",
+        ),
+        ("driving.training_latency = [0.3, 0.1]", "training_latency: 0.3 must not exceed 0.1"),
+        (
+            "driving.observation.training_noise = [0.2, 0.1]",
+            "driving.observation.training_noise: 0.2 must not exceed 0.1",
+        ),
         (
             "goals.lowest_speed = 0.1",
             "driving.stopped_speed must be less than goals.lowest_speed (0.1), or goals ask for",
@@ -117,6 +162,11 @@ def test_settings_that_only_seem_to_contradict():
         "high_level.learner.learning_rate = 5e-5; high_level.learner.learning_rate_decay = 0",
         "low_level.external_weight = 0",
         "scenario.test_side_distance = -60",
+        # The ranges of training stand in place of the test's speed and wave.
+        "scenario.trap_speed_wave = 9.0; scenario.training_trap_speed = [6.0, 12.0]; "
+        "scenario.training_trap_speed_wave = [0.0, 5.0]",
+        # To the nearest tick it is less than a decision.
+        "driving.latency = 0.44",
     ):
         config.compose(flags=from_toml(text))
 

@@ -227,6 +227,21 @@ def test_settings_by_keyword():
 
 
 @pytest.mark.parametrize(
+    ("name", "gained"), [("lanewise/Trap-v0", 0.5), ("lanewise/TrapGoal-v0", 1.0)]
+)
+def test_noise_and_latency_are_those_of_the_split(name, gained):
+    """A test has none, as set; in training a late decision gains less speed."""
+    training = {"training_noise": (0.1, 0.1), "training_latency": (0.2, 0.2)}
+    faster = FASTER_BY_ID.get(name, FASTER)
+    for split, lost in (("test", 0.0), ("training", 0.2)):
+        env = make(name, split=split, **training)
+        (begun, _), (seen, *_, info) = drive(env, [faster], seed=1)
+        assert info["speed"] == pytest.approx(10.0 + gained - lost)
+        exact = np.isclose([begun[3] * 15.0, seen[3] * 15.0], [10.0, info["speed"]])
+        assert exact.tolist() == [split == "test"] * 2
+
+
+@pytest.mark.parametrize(
     ("given", "said"),
     [
         ({"trap_sped": 9.0}, "did you mean scenario.trap_speed"),

@@ -37,7 +37,7 @@ def short(settings, world):
 
 
 def halted(settings, key, split):
-    """A start that heeds no `ego_driver`."""
+    """A start that ignores `ego_driver`."""
     return trap.sample(dataclasses.replace(settings, ego_driver="controller"), key, split)
 
 

@@ -57,6 +57,11 @@ def test_after_its_first_step_a_run_drives_as_that_step_did(stopped):
     assert found.note == f"{stopped} is unfinished: 50 % of its decisions; weights of step-1"
     assert (found.name, list(found.parameters)) == ("planned", ["high_level"])
     assert same(found.parameters, trained.load(stopped / "stages" / "step-1.json").parameters)
+    with pytest.raises(RunError, match=f"has no checkpoints/{NEWEST}; it has no checkpoints$"):
+        trained.load(stopped / "checkpoints" / NEWEST)
+    shutil.rmtree(stopped / "stages")
+    with pytest.raises(RunError, match=r"has no stages/step-1; it has no stages$"):
+        trained.load(stopped / "stages" / "step-1")
 
 
 @pytest.mark.parametrize("ending", ["", ".json", ".safetensors"])
@@ -89,7 +94,7 @@ def test_what_is_not_there_or_damaged_is_refused(stopped, whole, tmp_path):
     for path, said in (
         (checkpoints / "stage-01-chunk-00000009", f"; there: {older}, {NEWEST}"),
         (checkpoints / "stage-99-chunk-00000001", "has no checkpoints/stage-99"),
-        (whole / "checkpoints" / NEWEST, f"has no checkpoints/{NEWEST}; there is none"),
+        (whole / "checkpoints" / NEWEST, f"has no checkpoints/{NEWEST}; it has no checkpoints$"),
         (stopped / "stages" / "step-2", "has no stages/step-2; there: step-1"),
         (checkpoints, "no run in .*checkpoints: looked for"),
         (tmp_path / "checkpoints" / NEWEST, f"no run in .*{NEWEST}: looked for"),

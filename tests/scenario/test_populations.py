@@ -13,14 +13,16 @@ from highway_env.vehicle.kinematics import Vehicle
 from lanewise import config
 from lanewise.driving import episode, percept
 from lanewise.driving.settings import DrivingSettings, ObservationSettings
+from lanewise.driving.task_functions import TaskFunctions
+from lanewise.envs import functional
 from lanewise.errors import SettingsError
 from lanewise.interop.highway_env import build_env
 from lanewise.scenario import drivers, trap
 from lanewise.scenario.populations import POPULATIONS
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
 from lanewise.world import bicycle, build, steering, tick
-from lanewise.world.settings import DriverSettings
-from lanewise.world.state import CONSTANT
+from lanewise.world.settings import AGGRESSIVE_DRIVER, PAPER_DRIVER, DriverSettings
+from lanewise.world.state import CONSTANT, RULE_BASED
 
 COUNT, SPEED = 4000, 14.0
 NAMES = build.NUMBERS
@@ -84,6 +86,14 @@ def test_all_populations_are_equally_likely():
     np.testing.assert_allclose(shares, 1 / 3, atol=0.03)
 
 
+@pytest.mark.parametrize("names", [("paper",), tuple(POPULATIONS)], ids=["paper", "all"])
+def test_a_vehicle_of_a_population_has_nothing_of_the_scenario_s_driver(names):
+    numbers = {name: getattr(PAPER_DRIVER, name) + 0.1 for name in NAMES}
+    driver = replace(AGGRESSIVE_DRIVER, changes_lanes=False, **numbers)
+    other = TrapSettings(traffic=TrafficSettings(driver=driver, populations=names))
+    jax.tree.map(np.testing.assert_array_equal, traffic(among(*names)), traffic(other))
+
+
 SWINGING = replace(
     among("stop-and-go"), trap_speed_difference=1.0, trap_speed_wave=3.0, trap_wave_period=12.0
 )
@@ -125,6 +135,37 @@ def test_highway_env_has_no_waves():
     world = trap.sample(SWINGING, trap.start_key(0, "test", 0), "test")
     with pytest.raises(SettingsError, match="whose speed swings"):
         build_env(world)
+
+
+@pytest.mark.parametrize(("count", "names"), [(0, ()), (2, ()), (2, ("paper",))])
+def test_an_ego_of_a_linear_class_drives_by_its_rules(count, names):
+    """Alone, among its like, and among traffic that is not linear."""
+    among_these = TrafficSettings(vehicles_ahead=count, driver=AGGRESSIVE_DRIVER, populations=names)
+    begin, world = drive(TrapSettings(ego_driver="rule-based", traffic=among_these), 4)
+    assert begin.drivers.kind.tolist() == [RULE_BASED, CONSTANT, CONSTANT] + [RULE_BASED] * count
+    assert begin.drivers.linear.applies.tolist() == [True, False, False] + [not names] * count
+    # Too near the trap car ahead it brakes, though its action is to keep the speed.
+    assert world.vehicles.speed[0, 0] < 9.9
+    assert np.isfinite(world.vehicles.x).all()
+
+
+def hurried(settings, key, split):
+    """A start of one's own: the ego drives faster than the trap."""
+    world = trap.sample(settings, key, split)
+    speed = world.vehicles.speed.at[0].set(11.0)
+    return replace(world, vehicles=replace(world.vehicles, speed=speed))
+
+
+@pytest.mark.parametrize(("name", "part"), [("aggressive", "linear"), ("stop-and-go", "waves")])
+def test_a_start_of_one_s_own_may_have_any_population(name, part):
+    config = functional.make(
+        task=TaskFunctions(start=hurried), populations=[name], vehicles_ahead=2
+    )
+    state, _ = functional.reset(config, jax.random.key(0))
+    state, shown = functional.step(config, state, 4)
+    assert getattr(state.episode.world.drivers, part) is not None
+    assert shown.speed == 11.0
+    assert np.isfinite(shown.observation).all()
 
 
 @pytest.mark.parametrize("late", [1, 4])

@@ -5,6 +5,7 @@ import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Generic, TypeVar
 
 from lanewise.errors import RunError
@@ -52,6 +53,17 @@ class Journal(Generic[OutcomeType]):
         }
         text = json.dumps(done | {"digest": safe_io.digest(done)}) + "\n"
         write_atomically(self.folder, {self.name: text.encode()})
+
+    def publish(self, write: Callable[[str], Path]) -> Path:
+        """Move what ``write`` writes into a folder into the journal's, and delete the journal.
+
+        ``write`` returns the page, which comes last; this returns where it is now.
+        """
+        with TemporaryDirectory(prefix="lanewise-map-") as drawn:
+            page = write(drawn).name
+            folder_io.publish(Path(drawn), self.folder, last=page)
+        self.folder.unlink(self.name)
+        return self.folder.path / page
 
 
 def open_(

@@ -4,8 +4,6 @@ import hashlib
 import json
 import sys
 from dataclasses import replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from lanewise import config
@@ -23,10 +21,10 @@ from lanewise.evaluation.conditions import (
     ConditionGrid,
     ConditionOutcome,
 )
+from lanewise.evaluation.grid import check_searchable
 from lanewise.runs import pretrained
 from lanewise.runs.run_folder import RunFolder
 from lanewise.system import extras
-from lanewise.system.folder_io import publish
 from lanewise.system.progress import Progress, tell
 
 if TYPE_CHECKING:
@@ -43,6 +41,7 @@ def run(parsed: "Parsed[Sweep]") -> int:
     command = replace(parsed.command, episodes=episodes)
     folder = RunFolder.open(pretrained.locate(command.run))
     own = config.replace(folder.settings, command.test)
+    check_searchable(own.scenario)
     for group in grid.groups():
         for condition in group:
             varied = {*condition.settings, "evaluation.duration"}
@@ -182,8 +181,5 @@ def _report(
         reached=reached,
         cells=cells,
     )
-    with TemporaryDirectory(prefix="lanewise-map-") as drawn:
-        path = robust_page.write_robust(drawn, found)
-        publish(Path(drawn), journal.folder, last=path.name)
-    journal.folder.unlink(JOURNAL)
-    sys.stdout.write(f"{robust_page.summary(found)}\n\nmap: {one_line(command.out / path.name)}\n")
+    page = journal.publish(lambda drawn: robust_page.write_robust(drawn, found))
+    sys.stdout.write(f"{robust_page.summary(found)}\n\nmap: {one_line(page)}\n")

@@ -5,7 +5,6 @@ import json
 import sys
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 from lanewise import config
@@ -29,7 +28,6 @@ from lanewise.scenario.settings import (
     TrapSpeed,
 )
 from lanewise.system import extras
-from lanewise.system.folder_io import publish
 from lanewise.system.progress import Progress, tell
 
 if TYPE_CHECKING:
@@ -146,11 +144,7 @@ def _grid(parsed: Parsed[Sweep]) -> Grid:
 def _check(grid: Grid, settings: Settings) -> None:
     """Refuses an axis that names a value twice, and starts that no run could have."""
     grids.check(grid)
-    if settings.scenario.trap_speed_wave:
-        raise SettingsError(
-            "--scenario.trap-speed-wave: whether a start can be won is searched for with trap cars "
-            "of constant speed; leave it out"
-        )
+    grids.check_searchable(settings.scenario)
     # With the most vehicles behind: whether they fit depends on the spacing.
     crowded = {grids.SETTINGS["vehicles_behind"]: max(grid.vehicles_behind)}
     for axis, setting in grids.SETTINGS.items():
@@ -234,8 +228,5 @@ def _report(
         command=shell_line("lanewise", *sys.argv[1:]),
         cells=cells,
     )
-    with TemporaryDirectory(prefix="lanewise-map-") as drawn:
-        path = sweep_page.write_sweep(drawn, found)
-        publish(Path(drawn), journal.folder, last=path.name)
-    journal.folder.unlink(JOURNAL)
-    sys.stdout.write(f"{sweep_page.totals(cells)}\n\nmap: {one_line(command.out / path.name)}\n")
+    page = journal.publish(lambda drawn: sweep_page.write_sweep(drawn, found))
+    sys.stdout.write(f"{sweep_page.totals(cells)}\n\nmap: {one_line(page)}\n")

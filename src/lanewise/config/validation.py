@@ -146,24 +146,17 @@ def _check_scenario(trap: TrapSettings) -> None:
             )
     _apart("scenario.training_front_distance", trap.training_front_distance[0])
     _apart("scenario.test_front_distance", trap.test_front_distance)
+    wave, lowest = trap.trap_speed_wave, trap.trap_speed
     for prefix in ("", "training_"):
         _check_traffic(trap, prefix)
-    slowest = {"trap_speed": trap.trap_speed, "training_trap_speed": trap.trap_speed}
-    if trap.training_trap_speed:
-        slowest["training_trap_speed"] = trap.training_trap_speed[0]
-    for name, speed in slowest.items():
-        waves = name.replace("speed", "speed_wave")
-        if _most(trap, waves, trap.trap_speed_wave) >= speed:
+        if prefix:
+            wave = max(trap.training_trap_speed_wave, default=wave)
+            lowest = min(trap.training_trap_speed, default=lowest)
+        if wave >= lowest:
             raise SettingsError(
-                f"scenario.{waves} must be less than scenario.{name} ({show(speed)}), or trap "
-                "cars drive backwards"
+                f"scenario.{prefix}trap_speed_wave must be less than the lowest speed of the trap "
+                f"({show(lowest)} m/s), or trap cars drive backwards; got {show(wave)}"
             )
-
-
-def _most(trap: TrapSettings, name: str, fixed: float) -> float:
-    """The largest value of a range, or what stands in its place where there is none."""
-    value = getattr(trap, name)
-    return max(value, default=fixed) if isinstance(value, tuple) else value
 
 
 def _check_traffic(trap: TrapSettings, prefix: str) -> None:

@@ -22,7 +22,7 @@ class Headway:
     lanes whose centre is ahead."""
     time_to_collision: Array
     """[] s, at the speeds of the moment along the road; infinite where the gap does not shrink, 0
-    where there is none left."""
+    once it is gone."""
 
 
 def of_ego(world: World) -> Headway:

@@ -154,7 +154,7 @@ class ConditionOutcome:
     kinds: list[list[int]]
     """Accidents by then, in the order of `KINDS`."""
     first_accident: list[int]
-    """The first episode with an accident by then; -1 where there is none."""
+    """The first episode with an accident by then; -1 without one."""
 
     def at(self, horizon: int) -> "HorizonCounts":
         """The counts at a horizon, by its index."""

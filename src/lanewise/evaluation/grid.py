@@ -10,6 +10,7 @@ from lanewise.errors import SettingsError
 from lanewise.evaluation.episodes import ACCIDENTS
 from lanewise.evaluation.statistics import clopper_pearson
 from lanewise.fields.ranges import show
+from lanewise.scenario.settings import TrapSettings
 
 CAUSES = ACCIDENTS[1:]
 """What ends an episode badly."""
@@ -76,6 +77,15 @@ def check(grid: Grid) -> None:
             if values.count(value) > 1:
                 flag = axis.replace("_", "-")
                 raise SettingsError(f"--{flag}: {show(value)} is given twice")
+
+
+def check_searchable(scenario: TrapSettings) -> None:
+    """Refuse a trap whose starts `reachability` cannot judge."""
+    if scenario.trap_speed_wave:
+        raise SettingsError(
+            "--scenario.trap-speed-wave must be 0: whether a start can be won is searched for with "
+            "trap cars of constant speed"
+        )
 
 
 @dataclass(frozen=True)

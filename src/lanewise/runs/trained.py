@@ -126,7 +126,7 @@ def _stored(folder: RunFolder, plan: TrainingPlan, stored: Path) -> tuple[str, P
     if kind == STAGES:
         known = {each: stages.index(each) for each in run_state.finished_stages(folder)}
     if name not in known:
-        there = f"there: {', '.join(known)}" if known else "there is none"
+        there = f"there: {', '.join(known)}" if known else f"it has no {kind}"
         raise RunError(f"{folder.path} has no {stored}; {there}")
     index = known[name]
     weights: Parameters = {}
