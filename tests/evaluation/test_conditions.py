@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fabricate import make_episodes
 from lanewise import config
 from lanewise.config.settings import Settings
 from lanewise.errors import SettingsError
@@ -19,7 +20,6 @@ from lanewise.evaluation.conditions import (
     ConditionGrid,
     pooled,
 )
-from lanewise.evaluation.episodes import Episodes
 from lanewise.scenario.populations import POPULATIONS
 from lanewise.scenario.settings import TrapSettings
 from lanewise.world.settings import PAPER_DRIVER
@@ -33,45 +33,14 @@ def made_up(count=2000, seed=0):
     kind = rng.integers(1, len(KINDS) + 1, count) * (rng.random(count) < 0.5)
     duration = np.where(kind > 0, rng.integers(1, 241, count) / 2, 120.0)
     escape = rng.integers(1, 241, count) / 2
-    zeros = np.zeros(count)
-    return Episodes(
+    return replace(
+        make_episodes(0, count, seed),
         success=(escape <= duration) & (kind == 0),
         accident=np.minimum(kind, 1).astype(np.int8),
         accident_kind=kind.astype(np.int8),
-        accumulated_reward=zeros,
-        average_speed=zeros,
-        travel_distance=zeros,
         duration=duration,
         escape_time=np.where(escape <= duration, escape, np.nan),
-        goals=zeros.astype(int),
-        goals_timed_out=zeros.astype(int),
     )
-
-
-def test_counts_at_a_horizon_are_those_of_a_plain_loop():
-    episodes = made_up()
-    # Times that occur: what happens exactly then has happened by then.
-    limits = (25.0, 60.0, 119.5)
-    assert {25.0, 60.0} <= set(episodes.duration)
-    assert 25.0 in episodes.escape_time
-    found = conditions.outcome(episodes, limits)
-    for place, limit in enumerate(limits):
-        escapes, successes, first = 0, 0, -1
-        kinds = dict.fromkeys(range(1, len(KINDS) + 1), 0)
-        for number in range(len(episodes)):
-            escaped = crashed = False
-            for decision in range(1, round(2 * limit) + 1):
-                escaped = escaped or episodes.escape_time[number] == decision / 2
-                over = episodes.duration[number] == decision / 2
-                crashed = crashed or (over and episodes.accident[number] > 0)
-            escapes, successes = escapes + escaped, successes + (escaped and not crashed)
-            if crashed:
-                kinds[int(episodes.accident_kind[number])] += 1
-                first = number if first < 0 else first
-        assert found.escapes[place] == escapes
-        assert found.successes[place] == successes
-        assert found.kinds[place] == list(kinds.values())
-        assert found.first_accident[place] == first
 
 
 def test_at_the_end_the_counts_are_those_of_a_test_as_long():
@@ -91,10 +60,13 @@ def test_an_accident_after_the_horizon_costs_no_success_before():
         duration=np.array([30.0, 120.0]),
         escape_time=np.array([20.0, np.nan]),
     )
-    found = conditions.outcome(episodes, [25.0, 60.0])
-    assert found.escapes == [1, 1]
-    assert found.successes == [1, 0]
-    assert found.first_accident == [-1, 0]
+    # What happens exactly then has happened by then.
+    found = conditions.outcome(episodes, [10.0, 20.0, 25.0, 30.0, 60.0])
+    assert found.escapes == [0, 1, 1, 1, 1]
+    assert found.successes == [0, 1, 1, 0, 0]
+    assert found.first_accident == [-1, -1, -1, 0, 0]
+    assert [kinds[0] for kinds in found.kinds] == [0, 0, 0, 1, 1]
+    assert [sum(kinds) for kinds in found.kinds] == [0, 0, 0, 1, 1]
 
 
 def test_groups_hold_every_cell_once_and_differ_in_speeds_and_lanes_alone():

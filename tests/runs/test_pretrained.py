@@ -9,7 +9,7 @@ import pytest
 from lanewise.errors import RunError
 from lanewise.evaluation import evaluator
 from lanewise.runs import pretrained, trained
-from lanewise.training import recipe, selection
+from lanewise.training import recipe
 
 NAMES = ("driver", "hierarchical", "single-level")
 
@@ -45,6 +45,7 @@ def test_they_drive_as_they_did_when_they_were_made(name):
     )
 
 
+<<<<<<< HEAD
 @pytest.mark.parametrize("name", NAMES)
 def test_they_were_chosen_on_validation_starts(name):
     def score(figures):
@@ -60,6 +61,8 @@ def test_they_were_chosen_on_validation_starts(name):
     assert candidates[chosen] == list(story["validation"].values())[-1]
 
 
+=======
+>>>>>>> leaner-tests
 def test_references_are_called_by_name():
     assert pretrained.controller_name(Path("reference/search")) == "search"
     loaded = trained.load(Path("reference/rule-based"))
