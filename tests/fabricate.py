@@ -205,6 +205,7 @@ def make_robust(grid: ConditionGrid | None = None, episodes: int = 20) -> Robust
         controller="hierarchical",
         training_seed=3,
         trained_by={"commit": "a" * 40, "clean_tree": True, "training": "1" * 12},
+        trained_on="",
         settings=config.flatten(Settings()),
         changes={},
         seen=("paper",),

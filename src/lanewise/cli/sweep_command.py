@@ -1,21 +1,23 @@
-"""``lanewise sweep``: tests a trained controller over a grid of starts and draws the map."""
+"""``lanewise sweep``: tests a trained controller over a grid and draws the map."""
 
 import hashlib
 import json
 import sys
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 from lanewise import config
 from lanewise.cli import journal as journals
 from lanewise.cli.command_line import Changes, Parsed, flag_of
 from lanewise.cli.journal import Journal
+from lanewise.cli.robust_sweep import RobustSweep
+from lanewise.cli.start_sweep import StartSweep
 from lanewise.config.settings import Settings
 from lanewise.errors import RunError, SettingsError, one_line, shell_line
-from lanewise.evaluation import grid as grids
 from lanewise.evaluation.conditions import DENSITIES, ConditionGrid
-from lanewise.evaluation.grid import Cell, Grid, PointResult
+from lanewise.evaluation.grid import Grid, Reach, check_searchable
 from lanewise.fields.ranges import SEEDS, Between, OneOf
 from lanewise.runs import pretrained
 from lanewise.runs.run_folder import RunFolder
@@ -89,33 +91,94 @@ class Sweep:
     """Settings of the test; one that an axis varies is that axis's only value."""
 
 
+class SweptGrid(Protocol):
+    """What the command asks of a grid."""
+
+    page: str
+    """Name of the file that is written last."""
+    episodes: int
+    """Of each cell."""
+
+    @property
+    def outcome(self) -> type[Any]:
+        """The class of a cell's outcome."""
+
+    @property
+    def axes(self) -> Mapping[str, object]:
+        """The values of every axis."""
+
+    def check(self, settings: Settings) -> None:
+        """Refuse cells that no test with these settings could have."""
+
+    def starts(self) -> Sequence[object]:
+        """The starts of which is searched whether they can be won."""
+
+    def cells(self) -> Sequence[object]:
+        """The cells in the order in which they are driven."""
+
+    def reach(self, controller: "Trained", known: Sequence[str]) -> Iterator[Reach]:
+        """Which starts can be won, but for those whose escapes are known."""
+
+    def drive(self, controller: "Trained", done: int) -> Iterator[list[Any]]:
+        """The outcomes of the cells, some at a time, but for those that are done."""
+
+    def rate(self, outcomes: Sequence[Any]) -> dict[str, float]:
+        """How the controller does so far, as progress shows it."""
+
+    def result(self, journal: Journal[Any], training: Settings, **test: Any) -> Any:
+        """All that is known once all is done; ``test`` says who was tested and how."""
+
+    def write(self, folder: str, result: Any) -> Path:
+        """Write the files into a folder; returns the page."""
+
+    def summary(self, result: Any) -> str:
+        """The shares that are printed."""
+
+
+GRIDS: dict[str, Callable[[Parsed[Sweep]], SweptGrid]] = {
+    "starts": StartSweep,
+    "robust": RobustSweep,
+}
+
+
 def run(parsed: Parsed[Sweep]) -> int:
     """Tests and draws; returns the exit code."""
     command = parsed.command
     _refuse_other_axes(parsed)
-    if command.grid == "robust":
-        from lanewise.cli import robust_sweep
-
-        return robust_sweep.run(parsed)
-    grid = _grid(parsed)
+    grid = GRIDS[command.grid](parsed)
     folder = RunFolder.open(pretrained.locate(command.run))
-    _check(grid, config.replace(folder.settings, command.test))
+    settings = config.replace(folder.settings, command.test)
+    check_searchable(settings.scenario)
+    grid.check(settings)
     extras.check()
-    if (command.out / "map.md").exists():
-        raise RunError(f"{command.out} is complete: see {command.out / 'map.md'}")
+    if (command.out / grid.page).exists():
+        raise RunError(f"{command.out} is complete: see {command.out / grid.page}")
     journals.check_place(command.out / JOURNAL)
     from lanewise.experiments import evaluate_trained
     from lanewise.runs import trained
 
     loaded = trained.load(command.run)
     controller = evaluate_trained.with_changes(loaded, command.test, tell)
-    identity = _identity(command, controller)
-    journal = journals.open_(command.out / JOURNAL, identity, PointResult)
+    identity = _identity(command, grid, controller)
+    journal = journals.open_(command.out / JOURNAL, identity, grid.outcome)
     with journal.folder:
         with Progress() as reporter:
-            _work(command, grid, controller, journal, reporter)
-        trained_on = evaluate_trained.trained_on(loaded, controller.settings)
-        _report(command, grid, folder, (controller, trained_on), journal)
+            _work(grid, controller, journal, reporter)
+        result = grid.result(
+            journal,
+            folder.settings,
+            controller=controller.name,
+            training_seed=folder.seed,
+            trained_by=folder.source,
+            trained_on=evaluate_trained.trained_on(loaded, controller.settings),
+            settings=config.flatten(controller.settings),
+            episodes=grid.episodes,
+            seed=command.seed,
+            clearance=command.clearance,
+            command=shell_line("lanewise", *sys.argv[1:]),
+        )
+        page = journal.publish(lambda drawn: grid.write(drawn, result))
+        sys.stdout.write(f"{grid.summary(result)}\n\nmap: {one_line(page)}\n")
     return 0
 
 
@@ -127,106 +190,34 @@ def _refuse_other_axes(parsed: Parsed[Sweep]) -> None:
             raise SettingsError(f"{flag_of(name)} is no axis of grid {grid}; leave it out")
 
 
-def _grid(parsed: Parsed[Sweep]) -> Grid:
-    """The grid, where a setting of the test gives an axis its only value."""
-    axes = {axis.name: getattr(parsed.command, axis.name) for axis in fields(Grid)}
-    for axis, setting in grids.SETTINGS.items():
-        if setting not in parsed.command.test:
-            continue
-        if axis in parsed.given:
-            raise SettingsError(
-                f"{flag_of(axis)} and {flag_of(setting)} are the same axis; give one of them"
-            )
-        axes[axis] = (parsed.command.test[setting],)
-    return Grid(**axes)
-
-
-def _check(grid: Grid, settings: Settings) -> None:
-    """Refuses an axis that names a value twice, and starts that no run could have."""
-    grids.check(grid)
-    grids.check_searchable(settings.scenario)
-    # With the most vehicles behind: whether they fit depends on the spacing.
-    crowded = {grids.SETTINGS["vehicles_behind"]: max(grid.vehicles_behind)}
-    for axis, setting in grids.SETTINGS.items():
-        for value in getattr(grid, axis):
-            try:
-                config.replace(settings, crowded | {setting: value})
-            except SettingsError as error:
-                raise SettingsError(f"--{axis.replace('_', '-')}: {error}") from error
-
-
-def _work(
-    command: Sweep,
-    grid: Grid,
-    controller: "Trained",
-    journal: Journal[PointResult],
-    reporter: Progress,
-) -> None:
-    """Does what the journal lacks."""
-    from lanewise.evaluation import sweep
-    from lanewise.experiments import evaluate_trained
-
-    points = grid.points()
-    course = sweep.config(evaluate_trained.evaluation_config(controller), grid)
-    # What can be won does not depend on traffic: one of each set of traffics suffices.
-    apart = points[:: grid.traffics]
-    done = len(journal.reached)
-    reporter.stage("what can be won", len(apart), done)
-    known = [reach.escape for reach in journal.reached]
-    for verdict in sweep.reach(course, command.clearance, apart[done:], known):
-        journal.add([verdict])
-        lost = sum(not reach.winnable for reach in journal.reached)
-        reporter.update(len(journal.reached), unwinnable=lost)
-    reporter.stage("episodes", len(points), len(journal.outcomes))
-    for found in sweep.run(
-        course, controller.parameters, command.seed, command.episodes, points, len(journal.outcomes)
-    ):
-        journal.add(found)
-        rate = sum(o.successes for o in journal.outcomes) / sum(
-            o.episodes for o in journal.outcomes
-        )
-        reporter.update(len(journal.outcomes), success_rate=rate)
-
-
-def _identity(command: Sweep, controller: "Trained") -> dict[str, Any]:
+def _identity(command: Sweep, grid: SweptGrid, controller: "Trained") -> dict[str, Any]:
     """What must be the same for a journal to be continued."""
     from lanewise.runs import checkpoint
 
-    weights = hashlib.sha256(checkpoint.pack(controller.parameters)).hexdigest()
-    others = ("run", "out", "grid", *ROBUST_ALONE)
-    asked = {name: value for name, value in vars(command).items() if name not in others}
-    plain = {"kind": "Sweep", "controller": controller.name, "weights": weights, **asked}
-    same: dict[str, Any] = json.loads(json.dumps(plain))
+    asked = {
+        "grid": command.grid,
+        "axes": grid.axes,
+        "controller": controller.name,
+        "weights": hashlib.sha256(checkpoint.pack(controller.parameters)).hexdigest(),
+        "test": command.test,
+        "episodes": grid.episodes,
+        "seed": command.seed,
+        "clearance": command.clearance,
+    }
+    same: dict[str, Any] = json.loads(json.dumps(asked))
     return same
 
 
-def _report(
-    command: Sweep,
-    grid: Grid,
-    folder: RunFolder,
-    test: "tuple[Trained, str]",
-    journal: Journal[PointResult],
+def _work(
+    grid: SweptGrid, controller: "Trained", journal: Journal[Any], reporter: Progress
 ) -> None:
-    """Draws the map; ``test`` is who drove, and how its training differed."""
-    from lanewise.report import sweep_page
-
-    controller, trained_on = test
-    cells = [
-        Cell(point, journal.reached[index // grid.traffics], journal.outcomes[index])
-        for index, point in enumerate(grid.points())
-    ]
-    found = sweep_page.SweepResult(
-        controller=controller.name,
-        training_seed=folder.seed,
-        trained_by=folder.source,
-        settings=config.flatten(controller.settings),
-        trained_on=trained_on,
-        grid=grid,
-        episodes=command.episodes,
-        seed=command.seed,
-        clearance=command.clearance,
-        command=shell_line("lanewise", *sys.argv[1:]),
-        cells=cells,
-    )
-    page = journal.publish(lambda drawn: sweep_page.write_sweep(drawn, found))
-    sys.stdout.write(f"{sweep_page.totals(cells)}\n\nmap: {one_line(page)}\n")
+    """Does what the journal lacks."""
+    reporter.stage("what can be won", len(grid.starts()), len(journal.reached))
+    for verdict in grid.reach(controller, [reach.escape for reach in journal.reached]):
+        journal.add([verdict])
+        lost = sum(not reach.winnable for reach in journal.reached)
+        reporter.update(len(journal.reached), unwinnable=lost)
+    reporter.stage("episodes", len(grid.cells()), len(journal.outcomes))
+    for found in grid.drive(controller, len(journal.outcomes)):
+        journal.add(found)
+        reporter.update(len(journal.outcomes), **grid.rate(journal.outcomes))

@@ -74,6 +74,7 @@ def to_json(result: RobustResult) -> dict[str, Any]:
         "totals_by_population": {name: _totals(own) for name, own in by_population.items()},
         "reach": [_reach(place, reach) for place, reach in result.reached.items()],
         "settings": dict(result.settings),
+        "trained_on": result.trained_on,
         "columns": list(COLUMNS),
         "cells": [_row(result, cell) for cell in result.cells],
     }
@@ -166,4 +167,6 @@ def _world(result: RobustResult) -> str:
         f"- Controller: {plain(result.controller)}, training seed {result.training_seed}; its "
         "settings are in `robust.json`.",
     ]
+    if result.trained_on:
+        lines.append(f"- It was {plain(result.trained_on)}.")
     return "\n".join(lines)

@@ -37,6 +37,8 @@ class RobustResult:
     training_seed: int
     trained_by: Mapping[str, Any]
     """The code its run was made with (`version.source`)."""
+    trained_on: str
+    """Which of these settings its training had otherwise, in words; empty where none."""
     settings: Mapping[str, Any]
     """Of its run, by dotted name, with the changes."""
     changes: Mapping[str, Any]
