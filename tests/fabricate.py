@@ -181,12 +181,12 @@ def make_robust(grid: ConditionGrid | None = None, episodes: int = 20) -> Robust
     grid = grid or ConditionGrid()
     draw = random.Random(0)
     reached = {
-        place: Reach(place[0] < 13.0, True, place[0] < 12.0, "4" * 50, 0)
-        for place in grid.winnable_places()
+        place.approach: Reach(place.ego_speed < 13.0, True, place.ego_speed < 12.0, "4" * 50, 0)
+        for place in grid.searched()
     }
     cells = []
     for condition in (each for group in grid.groups() for each in group):
-        place = (condition.ego_speed, condition.trap_speed, condition.lanes)
+        place = condition.approach
         hit, kinds = 0, []
         for _ in HORIZONS:
             hit += draw.randint(0, (episodes - hit) // 3)

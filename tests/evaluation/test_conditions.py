@@ -142,8 +142,8 @@ def test_populations_seen_in_training():
 
 
 def test_only_starts_with_a_third_lane_may_be_winnable():
-    places = ConditionGrid(speeds=((10.0, 8.0),), lanes=(2, 3, 5)).winnable_places()
-    assert places == [(10.0, 8.0, 3), (10.0, 8.0, 5)]
+    places = ConditionGrid(speeds=((10.0, 8.0),), lanes=(2, 3, 5)).searched()
+    assert [place.approach for place in places] == [(10.0, 8.0, 3), (10.0, 8.0, 5)]
 
 
 def test_pooled_cells_add_up_and_those_that_cannot_be_won_count_for_accidents_alone():

@@ -57,9 +57,9 @@ class RobustSweep:
                 raise SettingsError(f"{flag_of(both.pop())} is grid robust's own; leave it out")
             settings_under(settings, condition)
 
-    def starts(self) -> list[tuple[float, float, int]]:
-        """Those that may be winnable, by speeds (ego, trap) in m/s and lanes."""
-        return self._grid.winnable_places()
+    def starts(self) -> list[Condition]:
+        """One condition of each approach that may be winnable."""
+        return self._grid.searched()
 
     def cells(self) -> list[Condition]:
         """All conditions."""
@@ -67,11 +67,12 @@ class RobustSweep:
 
     def reach(self, controller: "Trained", known: Sequence[str]) -> Iterator[Reach]:
         """Which starts can be won, but for those whose escapes are known."""
-        from lanewise.evaluation import condition_drives
+        from lanewise.evaluation import sweep
 
-        widest = self._grid.groups()[0][-1]._replace(lanes=max(self._grid.lanes))
-        test, left = _test(controller, widest), self.starts()[len(known) :]
-        return condition_drives.reach(test, self._command.clearance, left, known)
+        test = _test(controller, self.cells()[0]._replace(lanes=max(self._grid.lanes)))
+        by_then = replace(test, duration=test.driving.decisions_in(HORIZONS[0]))
+        left = self.starts()[len(known) :]
+        return sweep.reach(by_then, self._command.clearance, left, known)
 
     def drive(self, controller: "Trained", done: int) -> Iterator[list[ConditionOutcome]]:
         """The outcomes of the cells, a group at a time, but for those that are done."""
@@ -97,11 +98,12 @@ class RobustSweep:
         """All that is known; ``test`` says who was tested and how."""
         from lanewise.report.robust_tables import RobustResult
 
-        reached = dict(zip(self.starts(), journal.reached, strict=True))
+        places = [condition.approach for condition in self.starts()]
+        reached = dict(zip(places, journal.reached, strict=True))
         cells = []
         for condition, outcome in zip(self.cells(), journal.outcomes, strict=True):
-            place = (condition.ego_speed, condition.trap_speed, condition.lanes)
-            winnable = place in reached and reached[place].winnable
+            reach = reached.get(condition.approach)
+            winnable = reach is not None and reach.winnable
             cells.append(ConditionCell(condition, winnable, outcome))
         return RobustResult(
             changes=self._command.test,

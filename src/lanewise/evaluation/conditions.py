@@ -67,6 +67,16 @@ class Condition(NamedTuple):
     """Of decisions, s."""
 
     @property
+    def approach(self) -> tuple[float, float, int]:
+        """Speeds of ego and trap, m/s, and lanes: what can be won depends on nothing else."""
+        return self.ego_speed, self.trap_speed, self.lanes
+
+    @property
+    def start_numbers(self) -> dict[str, float]:
+        """Numbers of its `trap.Start`; what is missing is the scenario's."""
+        return dict(zip(("ego_speed", "trap_speed", "lanes"), self.approach, strict=True))
+
+    @property
     def settings(self) -> dict[str, object]:
         """What it changes in the settings of a run, by dotted name."""
         traffic = DENSITIES[self.density]._asdict()
@@ -119,10 +129,9 @@ class ConditionGrid:
             )
         ]
 
-    def winnable_places(self) -> list[tuple[float, float, int]]:
-        """Speeds (ego, trap) in m/s and lanes of the starts that may be winnable."""
-        lanes = [number for number in self.lanes if number >= FEWEST_LANES]
-        return [(*speeds, number) for speeds, number in itertools.product(self.speeds, lanes)]
+    def searched(self) -> list[Condition]:
+        """One condition of each approach that may be winnable."""
+        return [condition for condition in self.groups()[0] if condition.lanes >= FEWEST_LANES]
 
 
 def check(grid: ConditionGrid) -> None:

@@ -4,7 +4,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import nan
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from lanewise.errors import SettingsError
 from lanewise.evaluation.episodes import ACCIDENTS
@@ -46,6 +46,14 @@ class Grid:
         return len(self.spacing) * len(self.vehicles_behind)
 
 
+class Place(Protocol):
+    """A cell of any grid, of which the world needs to know how an episode starts."""
+
+    @property
+    def start_numbers(self) -> dict[str, float]:
+        """Numbers of its `trap.Start`; what is missing is the scenario's."""
+
+
 class Point(NamedTuple):
     """One start of a grid; fields as `Grid`."""
 
@@ -56,6 +64,11 @@ class Point(NamedTuple):
     side_distance: float
     spacing: float
     vehicles_behind: int
+
+    @property
+    def start_numbers(self) -> dict[str, float]:
+        """Numbers of its `trap.Start`; what is missing is the scenario's."""
+        return self._asdict()
 
 
 SETTINGS = {

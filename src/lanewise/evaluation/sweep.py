@@ -18,7 +18,7 @@ from lanewise.controllers.controller import Parameters
 from lanewise.evaluation import concurrent, evaluator, reachability
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.evaluator import EvaluationConfig, Result
-from lanewise.evaluation.grid import CAUSES, Grid, Point, PointResult, Reach
+from lanewise.evaluation.grid import CAUSES, Grid, Place, Point, PointResult, Reach
 from lanewise.evaluation.reachability import ReachabilityConfig
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
@@ -33,20 +33,15 @@ def config(test: EvaluationConfig, grid: Grid) -> EvaluationConfig:
     return replace(test, scenario=replace(test.scenario, lanes=max(grid.lanes), traffic=traffic))
 
 
-def start_of(scenario: TrapSettings, point: Point) -> Start:
-    """A point's numbers; the traffic ahead is the scenario's."""
-    return Start.of(scenario, **point._asdict())
-
-
 def reach(
-    test: EvaluationConfig, clearance: float, points: Sequence[Point], known: Sequence[str] = ()
+    test: EvaluationConfig, clearance: float, places: Sequence[Place], known: Sequence[str] = ()
 ) -> Iterator[Reach]:
-    """Which points can be won at all, and which with some clearance, m, from the trap cars.
+    """Which places can be won at all, and which with some clearance, m, from the trap cars.
 
     Args:
-        test: of the grid, as `config` made it.
+        test: with room for every start.
         clearance: m.
-        points: in an order in which neighbours are alike: escapes of the last ones are tried first.
+        places: in an order in which neighbours are alike: escapes of the last ones are tried first.
         known: escapes found before.
     """
     # The search knows no latency.
@@ -54,8 +49,8 @@ def reach(
     strict = ReachabilityConfig(test.scenario, driving, test.duration)
     wide = replace(strict, clearance=clearance)
     pool = dict.fromkeys(tuple(map(int, escape)) for escape in known if escape)
-    for point in points:
-        start = start_of(test.scenario, point)
+    for place in places:
+        start = Start.of(test.scenario, **place.start_numbers)
         latest = list(reversed(pool))
         clear = reachability.judge(wide, start, latest)
         verdict = clear
@@ -98,7 +93,7 @@ def run(
     together = max(1, concurrent.threads() * evaluator.BLOCK // episodes)
     for begin in range(first, len(points), together):
         some = points[begin : begin + together]
-        numbers = stacked([start_of(test.scenario, point) for point in some])
+        numbers = stacked([Start.of(test.scenario, **point.start_numbers) for point in some])
         before = begin * episodes
 
         def worlds(
