@@ -1,30 +1,21 @@
 """Grid ``robust`` of ``lanewise sweep``: how a controller holds over conditions it may meet."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lanewise import config
 from lanewise.cli.command_line import Parsed, flag_of
-from lanewise.cli.journal import Journal
 from lanewise.config.settings import Settings
 from lanewise.errors import SettingsError
-from lanewise.evaluation import conditions
-from lanewise.evaluation.conditions import (
-    HORIZONS,
-    JUDGED,
-    Condition,
-    ConditionCell,
-    ConditionGrid,
-    ConditionOutcome,
-)
-from lanewise.evaluation.grid import Reach
+from lanewise.evaluation.cells import CellOutcome, Reach
+from lanewise.evaluation.conditions import HORIZONS, Condition, ConditionGrid
 
 if TYPE_CHECKING:
     from lanewise.cli.sweep_command import Sweep
     from lanewise.evaluation.evaluator import EvaluationConfig
-    from lanewise.report.robust_tables import RobustResult
+    from lanewise.report.sweep_result import SweepResult
     from lanewise.runs.trained import Trained
 
 EPISODES = 100
@@ -35,46 +26,35 @@ class RobustSweep:
     """The grid of conditions, as the command asks for it (`SweptGrid`)."""
 
     page = "robust.md"
-    outcome = ConditionOutcome
 
     def __init__(self, parsed: "Parsed[Sweep]") -> None:
         """Of a command."""
         command = self._command = parsed.command
         self.episodes = command.episodes if "episodes" in parsed.given else EPISODES
-        self._grid = _grid(parsed)
-
-    @property
-    def axes(self) -> Mapping[str, object]:
-        """The values of every axis."""
-        return vars(self._grid)
+        self.grid = _grid(parsed)
 
     def check(self, settings: Settings) -> None:
-        """Refuse an axis that names a value twice, and conditions that no run can be tested in."""
-        conditions.check(self._grid)
-        for condition in self.cells():
+        """Refuse conditions that no test with these settings can have."""
+        for condition in self.grid.places():
             varied = {*condition.settings, "evaluation.duration"}
             if both := varied & set(self._command.test):
                 raise SettingsError(f"{flag_of(both.pop())} is grid robust's own; leave it out")
             settings_under(settings, condition)
 
-    def starts(self) -> list[Condition]:
-        """One condition of each approach that may be winnable."""
-        return self._grid.searched()
-
-    def cells(self) -> list[Condition]:
-        """All conditions."""
-        return [condition for group in self._grid.groups() for condition in group]
+    def horizons(self, settings: Settings) -> tuple[int, ...]:
+        """The same for all controllers, s."""
+        return HORIZONS
 
     def reach(self, controller: "Trained", known: Sequence[str]) -> Iterator[Reach]:
         """Which starts can be won, but for those whose escapes are known."""
         from lanewise.evaluation import sweep
 
-        test = _test(controller, self.cells()[0]._replace(lanes=max(self._grid.lanes)))
+        test = _test(controller, self.grid.places()[0]._replace(lanes=max(self.grid.lanes)))
         by_then = replace(test, duration=test.driving.decisions_in(HORIZONS[0]))
-        left = self.starts()[len(known) :]
+        left = self.grid.searched()[len(known) :]
         return sweep.reach(by_then, self._command.clearance, left, known)
 
-    def drive(self, controller: "Trained", done: int) -> Iterator[list[ConditionOutcome]]:
+    def drive(self, controller: "Trained", done: int) -> Iterator[list[CellOutcome]]:
         """The outcomes of the cells, a group at a time, but for those that are done."""
         from lanewise.evaluation import condition_drives
 
@@ -83,45 +63,17 @@ class RobustSweep:
             controller.parameters,
             self._command.seed,
             self.episodes,
-            self._grid,
+            self.grid,
             done,
         )
 
-    def rate(self, outcomes: Sequence[ConditionOutcome]) -> dict[str, float]:
-        """How often it had an accident so far."""
-        hits = sum(outcome.at(JUDGED).accidents for outcome in outcomes)
-        return {"accident_rate": hits / (self.episodes * len(outcomes))}
-
-    def result(
-        self, journal: Journal[ConditionOutcome], training: Settings, **test: Any
-    ) -> "RobustResult":
-        """All that is known; ``test`` says who was tested and how."""
-        from lanewise.report.robust_tables import RobustResult
-
-        places = [condition.approach for condition in self.starts()]
-        reached = dict(zip(places, journal.reached, strict=True))
-        cells = []
-        for condition, outcome in zip(self.cells(), journal.outcomes, strict=True):
-            reach = reached.get(condition.approach)
-            winnable = reach is not None and reach.winnable
-            cells.append(ConditionCell(condition, winnable, outcome))
-        return RobustResult(
-            changes=self._command.test,
-            seen=conditions.seen_in_training(training.scenario),
-            grid=self._grid,
-            run=str(self._command.run),
-            reached=reached,
-            cells=cells,
-            **test,
-        )
-
-    def write(self, folder: str, result: "RobustResult") -> Path:
+    def write(self, folder: str, result: "SweepResult[Condition]") -> Path:
         """Write the map and its page."""
         from lanewise.report import robust_page
 
         return robust_page.write_robust(folder, result)
 
-    def summary(self, result: "RobustResult") -> str:
+    def summary(self, result: "SweepResult[Condition]") -> str:
         """Accidents and success of populations seen in training and held out."""
         from lanewise.report import robust_page
 

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Protocol
@@ -16,8 +16,9 @@ from lanewise.cli.robust_sweep import RobustSweep
 from lanewise.cli.start_sweep import StartSweep
 from lanewise.config.settings import Settings
 from lanewise.errors import RunError, SettingsError, one_line, shell_line
-from lanewise.evaluation.conditions import DENSITIES, ConditionGrid
-from lanewise.evaluation.grid import Grid, Reach, check_searchable
+from lanewise.evaluation.cells import CellOutcome, PlacedGrid, Reach, cells_of, check_axes
+from lanewise.evaluation.conditions import DENSITIES, ConditionGrid, seen_in_training
+from lanewise.evaluation.grid import Grid, check_searchable
 from lanewise.fields.ranges import SEEDS, Between, OneOf
 from lanewise.runs import pretrained
 from lanewise.runs.run_folder import RunFolder
@@ -100,33 +101,20 @@ class SweptGrid(Protocol):
     """Of each cell."""
 
     @property
-    def outcome(self) -> type[Any]:
-        """The class of a cell's outcome."""
-
-    @property
-    def axes(self) -> Mapping[str, object]:
-        """The values of every axis."""
+    def grid(self) -> PlacedGrid[Any]:
+        """Its axes and cells."""
 
     def check(self, settings: Settings) -> None:
-        """Refuse cells that no test with these settings could have."""
+        """Refuse cells that no test with these settings can have."""
 
-    def starts(self) -> Sequence[object]:
-        """The starts of which is searched whether they can be won."""
-
-    def cells(self) -> Sequence[object]:
-        """The cells in the order in which they are driven."""
+    def horizons(self, settings: Settings) -> tuple[int, ...]:
+        """Times at which a test with these settings is judged, s."""
 
     def reach(self, controller: "Trained", known: Sequence[str]) -> Iterator[Reach]:
         """Which starts can be won, but for those whose escapes are known."""
 
-    def drive(self, controller: "Trained", done: int) -> Iterator[list[Any]]:
+    def drive(self, controller: "Trained", done: int) -> Iterator[list[CellOutcome]]:
         """The outcomes of the cells, some at a time, but for those that are done."""
-
-    def rate(self, outcomes: Sequence[Any]) -> dict[str, float]:
-        """How the controller does so far, as progress shows it."""
-
-    def result(self, journal: Journal[Any], training: Settings, **test: Any) -> Any:
-        """All that is known once all is done; ``test`` says who was tested and how."""
 
     def write(self, folder: str, result: Any) -> Path:
         """Write the files into a folder; returns the page."""
@@ -145,40 +133,26 @@ def run(parsed: Parsed[Sweep]) -> int:
     """Tests and draws; returns the exit code."""
     command = parsed.command
     _refuse_other_axes(parsed)
-    grid = GRIDS[command.grid](parsed)
+    swept = GRIDS[command.grid](parsed)
+    check_axes(vars(swept.grid))
     folder = RunFolder.open(pretrained.locate(command.run))
     settings = config.replace(folder.settings, command.test)
     check_searchable(settings.scenario)
-    grid.check(settings)
+    swept.check(settings)
     extras.check()
-    if (command.out / grid.page).exists():
-        raise RunError(f"{command.out} is complete: see {command.out / grid.page}")
+    if (command.out / swept.page).exists():
+        raise RunError(f"{command.out} is complete: see {command.out / swept.page}")
     journals.check_place(command.out / JOURNAL)
     from lanewise.experiments import evaluate_trained
     from lanewise.runs import trained
 
     loaded = trained.load(command.run)
     controller = evaluate_trained.with_changes(loaded, command.test, tell)
-    identity = _identity(command, grid, controller)
-    journal = journals.open_(command.out / JOURNAL, identity, grid.outcome)
+    journal = journals.open_(command.out / JOURNAL, _identity(command, swept, controller))
     with journal.folder:
         with Progress() as reporter:
-            _work(grid, controller, journal, reporter)
-        result = grid.result(
-            journal,
-            folder.settings,
-            controller=controller.name,
-            training_seed=folder.seed,
-            trained_by=folder.source,
-            trained_on=evaluate_trained.trained_on(loaded, controller.settings),
-            settings=config.flatten(controller.settings),
-            episodes=grid.episodes,
-            seed=command.seed,
-            clearance=command.clearance,
-            command=shell_line("lanewise", *sys.argv[1:]),
-        )
-        page = journal.publish(lambda drawn: grid.write(drawn, result))
-        sys.stdout.write(f"{grid.summary(result)}\n\nmap: {one_line(page)}\n")
+            _work(swept, controller, journal, reporter)
+        _report(command, swept, folder, (loaded, controller), journal)
     return 0
 
 
@@ -190,17 +164,17 @@ def _refuse_other_axes(parsed: Parsed[Sweep]) -> None:
             raise SettingsError(f"{flag_of(name)} is no axis of grid {grid}; leave it out")
 
 
-def _identity(command: Sweep, grid: SweptGrid, controller: "Trained") -> dict[str, Any]:
+def _identity(command: Sweep, swept: SweptGrid, controller: "Trained") -> dict[str, Any]:
     """What must be the same for a journal to be continued."""
     from lanewise.runs import checkpoint
 
     asked = {
         "grid": command.grid,
-        "axes": grid.axes,
+        "axes": vars(swept.grid),
         "controller": controller.name,
         "weights": hashlib.sha256(checkpoint.pack(controller.parameters)).hexdigest(),
         "test": command.test,
-        "episodes": grid.episodes,
+        "episodes": swept.episodes,
         "seed": command.seed,
         "clearance": command.clearance,
     }
@@ -208,16 +182,54 @@ def _identity(command: Sweep, grid: SweptGrid, controller: "Trained") -> dict[st
     return same
 
 
-def _work(
-    grid: SweptGrid, controller: "Trained", journal: Journal[Any], reporter: Progress
-) -> None:
+def _work(swept: SweptGrid, controller: "Trained", journal: Journal, reporter: Progress) -> None:
     """Does what the journal lacks."""
-    reporter.stage("what can be won", len(grid.starts()), len(journal.reached))
-    for verdict in grid.reach(controller, [reach.escape for reach in journal.reached]):
+    reporter.stage("what can be won", len(swept.grid.searched()), len(journal.reached))
+    for verdict in swept.reach(controller, [reach.escape for reach in journal.reached]):
         journal.add([verdict])
         lost = sum(not reach.winnable for reach in journal.reached)
         reporter.update(len(journal.reached), unwinnable=lost)
-    reporter.stage("episodes", len(grid.cells()), len(journal.outcomes))
-    for found in grid.drive(controller, len(journal.outcomes)):
+    reporter.stage("episodes", len(swept.grid.places()), len(journal.outcomes))
+    for found in swept.drive(controller, len(journal.outcomes)):
         journal.add(found)
-        reporter.update(len(journal.outcomes), **grid.rate(journal.outcomes))
+        counts = [outcome.at(0) for outcome in journal.outcomes]
+        episodes = sum(each.episodes for each in counts)
+        reporter.update(
+            len(counts),
+            success_rate=sum(each.successes for each in counts) / episodes,
+            accident_rate=sum(each.accidents for each in counts) / episodes,
+        )
+
+
+def _report(
+    command: Sweep,
+    swept: SweptGrid,
+    folder: RunFolder,
+    tested: "tuple[Trained, Trained]",
+    journal: Journal,
+) -> None:
+    """Writes the map; ``tested`` is the controller with its own settings and with the test's."""
+    from lanewise.experiments import evaluate_trained
+    from lanewise.report.sweep_result import SweepResult
+
+    loaded, controller = tested
+    settings = controller.settings
+    result: SweepResult[Any] = SweepResult(
+        controller=controller.name,
+        training_seed=folder.seed,
+        trained_by=folder.source,
+        trained_on=evaluate_trained.trained_on(loaded, settings),
+        seen=seen_in_training(loaded.settings.scenario),
+        settings=config.flatten(settings),
+        changes=command.test,
+        run=str(command.run),
+        command=shell_line("lanewise", *sys.argv[1:]),
+        episodes=swept.episodes,
+        seed=command.seed,
+        clearance=command.clearance,
+        horizons=swept.horizons(settings),
+        axes=vars(swept.grid),
+        cells=cells_of(swept.grid, journal.reached, journal.outcomes),
+    )
+    page = journal.publish(lambda drawn: swept.write(drawn, result))
+    sys.stdout.write(f"{swept.summary(result)}\n\nmap: {one_line(page)}\n")

@@ -14,14 +14,8 @@ from numpy.typing import NDArray
 
 from lanewise.controllers.controller import Parameters
 from lanewise.evaluation import sweep
-from lanewise.evaluation.conditions import (
-    DENSITIES,
-    HORIZONS,
-    Condition,
-    ConditionGrid,
-    ConditionOutcome,
-    outcome,
-)
+from lanewise.evaluation.cells import CellOutcome
+from lanewise.evaluation.conditions import DENSITIES, HORIZONS, Condition, ConditionGrid
 from lanewise.evaluation.evaluator import EvaluationConfig
 from lanewise.scenario import drivers
 from lanewise.scenario.settings import TrafficSettings
@@ -62,7 +56,7 @@ def run(
     episodes: int,
     grid: ConditionGrid,
     done: int = 0,
-) -> Iterator[list[ConditionOutcome]]:
+) -> Iterator[list[CellOutcome]]:
     """Drive every condition's episodes greedily.
 
     Args:
@@ -91,7 +85,7 @@ def _drive(
     episodes: int,
     group: Sequence[Condition],
     room: Room,
-) -> list[ConditionOutcome]:
+) -> list[CellOutcome]:
     numbers = sweep.stacked([Start.of(test.scenario, **c.start_numbers) for c in group])
     # What a start has as a number is the same for all groups, so that placing compiles once for
     # all densities of as many vehicles.
@@ -104,10 +98,8 @@ def _drive(
         return _widened(placed, room)
 
     found = sweep.drive(test, parameters, len(group) * episodes, worlds)
-    driving = test.driving
-    limits = [driving.decisions_in(second) * driving.decision_duration for second in HORIZONS]
-    cells = [slice(first, first + episodes) for first in range(0, len(found), episodes)]
-    return [outcome(found.some(cell), limits) for cell in cells]
+    limits = [test.driving.decisions_in(second) for second in HORIZONS]
+    return sweep.outcomes(test, found, episodes, limits)
 
 
 @pinned.jit(static_argnums=1)

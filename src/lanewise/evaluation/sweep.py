@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from lanewise.controllers.controller import Parameters
 from lanewise.evaluation import concurrent, evaluator, reachability
+from lanewise.evaluation.cells import CellOutcome, Place, Reach, outcome
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.evaluator import EvaluationConfig, Result
-from lanewise.evaluation.grid import CAUSES, Grid, Place, Point, PointResult, Reach
+from lanewise.evaluation.grid import Grid, Point
 from lanewise.evaluation.reachability import ReachabilityConfig
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
@@ -76,7 +77,7 @@ def run(
     episodes: int,
     points: Sequence[Point],
     first: int = 0,
-) -> Iterator[list[PointResult]]:
+) -> Iterator[list[CellOutcome]]:
     """Drive every point's episodes greedily, under the test that `config` made.
 
     Args:
@@ -103,10 +104,16 @@ def run(
             return place(test.scenario, seed, before + rows, starts)
 
         found = drive(test, parameters, len(some) * episodes, worlds)
-        yield [
-            _outcome(found.some(slice(first, first + episodes)))
-            for first in range(0, len(found), episodes)
-        ]
+        yield outcomes(test, found, episodes, [test.duration])
+
+
+def outcomes(
+    test: EvaluationConfig, found: Episodes, episodes: int, horizons: Sequence[int]
+) -> list[CellOutcome]:
+    """Outcomes of cells with so many episodes each; the horizons are decisions."""
+    limits = [horizon * test.driving.decision_duration for horizon in horizons]
+    cells = [slice(first, first + episodes) for first in range(0, len(found), episodes)]
+    return [outcome(found.some(cell), limits) for cell in cells]
 
 
 def stacked(starts: Sequence[Start]) -> Start:
@@ -156,15 +163,3 @@ def place(scenario: TrapSettings, seed: int, indices: ArrayLike, starts: Start) 
 
     worlds: World = jax.vmap(one)(jnp.asarray(indices), starts)
     return worlds
-
-
-def _outcome(found: Episodes) -> PointResult:
-    causes = {cause: int((found.accident == code).sum()) for code, cause in enumerate(CAUSES, 1)}
-    return PointResult(
-        episodes=len(found),
-        escapes=int(found.escaped.sum()),
-        successes=int(found.success.sum()),
-        speed=float(found.average_speed.mean()),
-        reward=float(found.accumulated_reward.mean()),
-        **causes,
-    )
