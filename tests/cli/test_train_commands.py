@@ -227,7 +227,7 @@ def test_a_sweep_in_another_scenario(whole, tmp_path, monkeypatch, capsys):
 
 def test_a_sweep_writes_into_no_other_folder(whole, tmp_path, monkeypatch, capsys):
     """While it draws, its folder is replaced by another."""
-    out, draw, left = tmp_path / "map", maps.write_sweep, {}
+    out, draw, left = tmp_path / "map", maps.write, {}
 
     def break_in(*arguments):
         shutil.rmtree(out)
@@ -238,7 +238,7 @@ def test_a_sweep_writes_into_no_other_folder(whole, tmp_path, monkeypatch, capsy
 
     monkeypatch.setattr(drives, "reach", lambda *_: [Reach(True, True, True, "0", 1)])
     monkeypatch.setattr(drives, "run", lambda *_: [[WON]])
-    monkeypatch.setattr(maps, "write_sweep", break_in)
+    monkeypatch.setattr(maps, "write", break_in)
     assert main(sweep_words(whole, out, ego_speed="9", lanes="3", spacing="25")) == 2
     said = capsys.readouterr().err.splitlines()
     assert f"lanewise: error: {out} was moved, removed or replaced" in said[-2]

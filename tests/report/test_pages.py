@@ -171,7 +171,7 @@ def drawn(monkeypatch):
 
 def test_a_sweep_on_disk(tmp_path, drawn):
     sweep = make_sweep(Grid((8.0, 13.0), (8.0, 9.0), (3,), (14.8, 16.44), (4.06,), (17.0, 25.0)))
-    page = sweep_page.write_sweep(tmp_path, sweep)
+    page = sweep_page.write(tmp_path, sweep)
     assert drawn == list(sweep_page.MAPS)
     document = json.loads((tmp_path / "map.json").read_text())
     rows = [dict(zip(document["columns"], row, strict=True)) for row in document["cells"]]
@@ -194,5 +194,5 @@ def test_a_sweep_on_disk(tmp_path, drawn):
 
 
 def test_a_map_of_one_traffic_has_no_panel_for_it(tmp_path, drawn):
-    sweep_page.write_sweep(tmp_path, make_sweep(Grid((8.0,), (8.0,), (3,), (14.8,), (4.06, 5.0))))
+    sweep_page.write(tmp_path, make_sweep(Grid((8.0,), (8.0,), (3,), (14.8,), (4.06, 5.0))))
     assert drawn == ["map", "map-distances"]

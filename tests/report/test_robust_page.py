@@ -30,7 +30,7 @@ RESULT = make_robust(GRID)
 def written(tmp_path_factory):
     """(the document, the page) of a result on disk."""
     folder = tmp_path_factory.mktemp("robust")
-    page = robust_page.write_robust(folder, RESULT)
+    page = robust_page.write(folder, RESULT)
     names = sorted(path.name for path in folder.iterdir())
     assert names == ["robust.json", "robust.md", "robust.png", "robust.svg"]
     return json.loads((folder / "robust.json").read_text()), page.read_text()
@@ -138,5 +138,5 @@ def test_the_map_shows_every_field_once():
 )
 def test_small_grids_have_a_page_too(grid, tmp_path, monkeypatch):
     monkeypatch.setattr(robust_page, "save", lambda figure, path: None)
-    page = robust_page.write_robust(tmp_path, make_robust(grid)).read_text()
+    page = robust_page.write(tmp_path, make_robust(grid)).read_text()
     assert "## Accidents by kind" in page

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lanewise import config
@@ -15,7 +14,6 @@ from lanewise.evaluation.conditions import HORIZONS, Condition, ConditionGrid
 if TYPE_CHECKING:
     from lanewise.cli.sweep_command import Sweep
     from lanewise.evaluation.evaluator import EvaluationConfig
-    from lanewise.report.sweep_result import SweepResult
     from lanewise.runs.trained import Trained
 
 EPISODES = 100
@@ -66,18 +64,6 @@ class RobustSweep:
             self.grid,
             done,
         )
-
-    def write(self, folder: str, result: "SweepResult[Condition]") -> Path:
-        """Write the map and its page."""
-        from lanewise.report import robust_page
-
-        return robust_page.write_robust(folder, result)
-
-    def summary(self, result: "SweepResult[Condition]") -> str:
-        """Accidents and success of populations seen in training and held out."""
-        from lanewise.report import robust_page
-
-        return robust_page.summary(result)
 
 
 def settings_under(settings: Settings, condition: Condition) -> Settings:

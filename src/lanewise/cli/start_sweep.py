@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lanewise import config
@@ -11,12 +10,11 @@ from lanewise.config.settings import Settings
 from lanewise.errors import SettingsError
 from lanewise.evaluation import grid as grids
 from lanewise.evaluation.cells import CellOutcome, Reach
-from lanewise.evaluation.grid import Grid, Point
+from lanewise.evaluation.grid import Grid
 
 if TYPE_CHECKING:
     from lanewise.cli.sweep_command import Sweep
     from lanewise.evaluation.evaluator import EvaluationConfig
-    from lanewise.report.sweep_result import SweepResult
     from lanewise.runs.trained import Trained
 
 
@@ -75,18 +73,6 @@ class StartSweep:
             self.grid.places(),
             done,
         )
-
-    def write(self, folder: str, result: "SweepResult[Point]") -> Path:
-        """Write the map and its page."""
-        from lanewise.report import sweep_page
-
-        return sweep_page.write_sweep(folder, result)
-
-    def summary(self, result: "SweepResult[Point]") -> str:
-        """The shares over each denominator."""
-        from lanewise.report import sweep_page
-
-        return sweep_page.summary(result)
 
     def _test(self, controller: "Trained") -> "EvaluationConfig":
         from lanewise.evaluation import sweep

@@ -116,12 +116,6 @@ class SweptGrid(Protocol):
     def drive(self, controller: "Trained", done: int) -> Iterator[list[CellOutcome]]:
         """The outcomes of the cells, some at a time, but for those that are done."""
 
-    def write(self, folder: str, result: Any) -> Path:
-        """Write the files into a folder; returns the page."""
-
-    def summary(self, result: Any) -> str:
-        """The shares that are printed."""
-
 
 GRIDS: dict[str, Callable[[Parsed[Sweep]], SweptGrid]] = {
     "starts": StartSweep,
@@ -210,6 +204,7 @@ def _report(
 ) -> None:
     """Writes the map; ``tested`` is the controller with its own settings and with the test's."""
     from lanewise.experiments import evaluate_trained
+    from lanewise.report import robust_page, sweep_page
     from lanewise.report.sweep_result import SweepResult
 
     loaded, controller = tested
@@ -231,5 +226,6 @@ def _report(
         axes=vars(swept.grid),
         cells=cells_of(swept.grid, journal.reached, journal.outcomes),
     )
-    page = journal.publish(lambda drawn: swept.write(drawn, result))
-    sys.stdout.write(f"{swept.summary(result)}\n\nmap: {one_line(page)}\n")
+    pages = robust_page if command.grid == "robust" else sweep_page
+    page = journal.publish(lambda drawn: pages.write(drawn, result))
+    sys.stdout.write(f"{pages.summary(result)}\n\nmap: {one_line(page)}\n")

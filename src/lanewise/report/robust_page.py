@@ -16,7 +16,7 @@ from lanewise.report.robust_tables import summary as summary
 from lanewise.report.sweep_result import SweepResult, write_json
 
 
-def write_robust(directory: Path | str, result: SweepResult[Condition]) -> Path:
+def write(directory: Path | str, result: SweepResult[Condition]) -> Path:
     """Write `robust.json`, the map as PNG and SVG, and last `robust.md`, whose path is returned."""
     directory = Path(directory)
     document = to_json(result)

@@ -31,7 +31,7 @@ WORST = 8
 """Fields of the map that the page lists as the worst."""
 
 
-def write_sweep(directory: Path | str, sweep: SweepResult[Point]) -> Path:
+def write(directory: Path | str, sweep: SweepResult[Point]) -> Path:
     """Write `map.json`, the maps as PNG and SVG, and last `map.md`, whose path is returned."""
     directory = Path(directory)
     document = sweep.to_json()
