@@ -1,6 +1,5 @@
 """What a sweep has done so far, in memory and in a file that is written anew with every result."""
 
-import json
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
@@ -41,14 +40,12 @@ class Journal:
     def save(self) -> None:
         """Write the file."""
         done = {
-            "format": FORMAT,
-            "version": VERSION,
             "sweep": self.identity,
             "reached": list(map(asdict, self.reached)),
             "outcomes": list(map(asdict, self.outcomes)),
         }
-        text = json.dumps(done | {"digest": safe_io.digest(done)}) + "\n"
-        write_atomically(self.folder, {self.name: text.encode()})
+        text = safe_io.document(FORMAT, VERSION, done)
+        write_atomically(self.folder, {self.name: text})
 
     def publish(self, write: Callable[[str], Path]) -> Path:
         """Move what ``write`` writes into a folder into the journal's, and delete the journal.

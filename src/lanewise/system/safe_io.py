@@ -75,6 +75,13 @@ def read_document(
     return document
 
 
+def document(name: str, version: int, content: Mapping[str, Any], field: str = "digest") -> bytes:
+    """A JSON document with its digest, as `read_document` reads it; a ValueError for NaN."""
+    stored = {"format": name, "version": version, **content}
+    whole = stored | {field: digest(stored, field)}
+    return (json.dumps(whole, indent=1, allow_nan=False) + "\n").encode()
+
+
 def parse_toml(data: bytes) -> dict[str, Any]:
     """Parse TOML in UTF-8; a ValueError says in one line what is wrong."""
     try:
