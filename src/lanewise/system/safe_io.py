@@ -1,6 +1,7 @@
 """Safe reading of files that may come from a stranger: nothing is followed, awaited or run.
 
-Only regular files of a bounded size are read. Imports no JAX.
+Only regular files of a bounded size are read. A document gets here the digest by which it is
+checked when it is read. Imports no JAX.
 """
 
 import hashlib
