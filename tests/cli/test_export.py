@@ -45,7 +45,7 @@ def test_refusals(tmp_path, refused):
     out, mine = tmp_path / "a.npz", tmp_path / "mine.npz"
     mine.write_text("mine")
     for words, hint in (
-        ((FLAT, "--out", mine), "nothing is overwritten"),
+        ((FLAT, "--out", mine), "exists; choose another file"),
         ((FLAT, "--out", tmp_path / "a.pt"), "--out must end in"),
         ((FLAT,), "missing --out"),
         ((FLAT, "--out", out, "--renewal", "critic"), "has no goals"),

@@ -14,10 +14,11 @@ from lanewise.cli import sweep_command as sweep
 from lanewise.cli.main import main
 from lanewise.evaluation import conditions, evaluator
 from lanewise.evaluation import sweep as drives
-from lanewise.evaluation.grid import CAUSES, PointResult, Reach
+from lanewise.evaluation.cells import KINDS, CellOutcome, Reach
 from lanewise.report import sweep_page as maps
 from lanewise.system import folder_io, safe_io
 
+WON = CellOutcome(2, 8.0, 10.0, [2], [2], [[0] * len(KINDS)], [-1])
 KEYS = {"controller", "success_rate", "accident_rate", "accumulated_reward", "intervals"}
 
 
@@ -95,7 +96,7 @@ def test_sweep_writes_a_map_and_continues_an_interrupted_one(
     assert "| all starts | 8 | 16 |" in printed.out
     assert "what can be won: starting" in printed.err
     expected = json.loads((out / "map.json").read_text())
-    assert len(expected["starts"]) == 8
+    assert len(expected["cells"]) == 8
     assert not (out / "progress.json").exists()
     assert "is complete: see" in refused(*sweep_words(whole, out))
 
@@ -114,7 +115,7 @@ def test_sweep_writes_a_map_and_continues_an_interrupted_one(
     assert main(sweep_words(whole, cut)) == 0
     assert "episodes: continuing" in capsys.readouterr().err
     again = json.loads((cut / "map.json").read_text())
-    assert again["starts"] == expected["starts"]
+    assert again["cells"] == expected["cells"]
 
 
 @pytest.mark.slow
@@ -175,7 +176,7 @@ def test_a_sweep_in_another_scenario(whole, tmp_path, monkeypatch, capsys):
 
     def drive(test, parameters, seed, episodes, points, first):
         driven.append((test.scenario, test.duration, points))
-        return [[PointResult(2, 2, *[0] * len(CAUSES), 8.0, 10.0, 2) for _ in points]]
+        return [[WON for _ in points]]
 
     monkeypatch.setattr(drives, "reach", lambda *_: [Reach(True, True, True, "0", 1)])
     monkeypatch.setattr(drives, "run", drive)
@@ -195,7 +196,7 @@ def test_a_sweep_in_another_scenario(whole, tmp_path, monkeypatch, capsys):
 
 def test_a_sweep_writes_into_no_other_folder(whole, tmp_path, monkeypatch, capsys):
     """While it draws, its folder is replaced by another."""
-    out, draw, left = tmp_path / "map", maps.write_sweep, {}
+    out, draw, left = tmp_path / "map", maps.write, {}
 
     def break_in(*arguments):
         shutil.rmtree(out)
@@ -205,9 +206,8 @@ def test_a_sweep_writes_into_no_other_folder(whole, tmp_path, monkeypatch, capsy
         return draw(*arguments)
 
     monkeypatch.setattr(drives, "reach", lambda *_: [Reach(True, True, True, "0", 1)])
-    points = [PointResult(2, 2, *[0] * len(CAUSES), 8.0, 10.0, 2)]
-    monkeypatch.setattr(drives, "run", lambda *_: [points])
-    monkeypatch.setattr(maps, "write_sweep", break_in)
+    monkeypatch.setattr(drives, "run", lambda *_: [[WON]])
+    monkeypatch.setattr(maps, "write", break_in)
     assert main(sweep_words(whole, out, ego_speed="9", lanes="3", spacing="25")) == 2
     said = capsys.readouterr().err.splitlines()
     assert f"lanewise: error: {out} was moved, removed or replaced" in said[-2]

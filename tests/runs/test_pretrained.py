@@ -45,24 +45,6 @@ def test_they_drive_as_they_did_when_they_were_made(name):
     )
 
 
-<<<<<<< HEAD
-@pytest.mark.parametrize("name", NAMES)
-def test_they_were_chosen_on_validation_starts(name):
-    def score(figures):
-        names = ("success_rate", "accident_rate", "reward")
-        return selection.weighed(*(figures[f"validation_{name}"] for name in names))
-
-    story = provenance(name)
-    candidates = story["candidates"]
-    ordered = sorted(candidates, key=lambda seed: score(candidates[seed]))
-    assert len(ordered) == 5
-    chosen = ordered[{"best": -1, "median": 2}[story.get("chosen", "best")]]
-    assert chosen == f"seed-{story['seed']}"
-    assert candidates[chosen] == list(story["validation"].values())[-1]
-
-
-=======
->>>>>>> leaner-tests
 def test_references_are_called_by_name():
     assert pretrained.controller_name(Path("reference/search")) == "search"
     loaded = trained.load(Path("reference/rule-based"))
