@@ -18,8 +18,9 @@ sys.path.append(str(Path(__file__).parents[1] / "campaigns"))
 import record
 
 from lanewise import config
-from lanewise.evaluation import conditions, evaluator
-from lanewise.evaluation.conditions import HORIZONS, ConditionOutcome
+from lanewise.evaluation import evaluator
+from lanewise.evaluation.cells import KINDS, CellOutcome, outcome
+from lanewise.evaluation.conditions import HORIZONS, JUDGED
 from lanewise.evaluation.statistics import clopper_pearson
 from lanewise.experiments import evaluate_trained
 from lanewise.report import tables
@@ -62,13 +63,13 @@ ROWS: dict[str, dict[str, object]] = {
 PAPER = next(iter(ROWS))
 
 
-def test(run: Trained, row: str, episodes: int, seed: int) -> ConditionOutcome:
+def test(run: Trained, row: str, episodes: int, seed: int) -> CellOutcome:
     """What came of a row's episodes at each horizon."""
     changes = ROWS[row] | {"evaluation.duration": HORIZONS[-1]}
     changed = replace(run, settings=config.replace(run.settings, changes))
     rules = evaluate_trained.evaluation_config(changed)
     found = evaluator.evaluate(rules, run.parameters, seed, episodes)
-    return conditions.outcome(found, HORIZONS)
+    return outcome(found, HORIZONS)
 
 
 def paper_means(run: Trained, episodes: int, seed: int) -> dict[str, float]:
@@ -80,7 +81,7 @@ def paper_means(run: Trained, episodes: int, seed: int) -> dict[str, float]:
     return {name: float(getattr(found, name).mean()) for name in names}
 
 
-def line(row: str, found: ConditionOutcome) -> list[str]:
+def line(row: str, found: CellOutcome) -> list[str]:
     """A row of the table: success and accidents in % by horizon, the latter's upper bound."""
     cells = [row]
     for horizon in range(len(HORIZONS)):
@@ -88,7 +89,7 @@ def line(row: str, found: ConditionOutcome) -> list[str]:
         high = 100 * clopper_pearson(counts.accidents, counts.episodes)[1]
         rates = (100 * counts.rate(name) for name in ("successes", "accidents"))
         cells.append("{:.2f} / {:.2f}".format(*rates) + f" (< {high:.2f})")
-    kinds = dict(zip(conditions.KINDS, found.kinds[conditions.JUDGED], strict=True))
+    kinds = dict(zip(KINDS, found.kinds[JUDGED], strict=True))
     return [*cells, ", ".join(f"{kind} {count}" for kind, count in kinds.items() if count)]
 
 
@@ -117,7 +118,7 @@ def main(words: Sequence[str] | None = None) -> None:
         head = ["success / accidents, %", *(f"{second} s" for second in HORIZONS), "kinds, 60 s"]
         print(tables.markdown(head, [line(row, found) for row, found in outcomes.items()]))
         print(", ".join(f"{name} {value:.2f}" for name, value in means.items()), flush=True)
-        figures = {"horizons": HORIZONS, "kinds": conditions.KINDS, "runs": stored}
+        figures = {"horizons": HORIZONS, "kinds": KINDS, "runs": stored}
         record.store(asked.out, figures, asked.seed)
 
 

@@ -1,9 +1,11 @@
 """Trainings that take a second once compiled, for whoever trains again and again."""
 
+import jax
+
 from lanewise import config
 from lanewise.config.settings import ONE_LEVEL_STAGES
 from lanewise.controllers.registry import CONTROLLERS
-from lanewise.runs import training_loop
+from lanewise.runs import run_state, training_loop
 from lanewise.runs.run_folder import RunFolder
 from lanewise.system.progress import Progress
 from lanewise.training.plan import TrainingPlan
@@ -80,6 +82,24 @@ def train(folder, reporter=None, high_level=None):
     """Train in a run folder to the end."""
     plan = TrainingPlan.build(folder.settings, folder.controller)
     training_loop.train(folder, plan, reporter or Quiet(), high_level=high_level)
+
+
+def finish(path, settings, controller, seed, weights):
+    """A finished run without a training; ``weights`` makes those of a shape."""
+    with RunFolder.create(path, settings, controller, seed) as folder:
+        shapes = TrainingPlan.build(settings, controller).parameters
+        made = jax.tree.map(lambda leaf: weights(leaf.shape).astype(leaf.dtype), shapes)
+        run_state.save_controller(folder, made)
+
+
+def stop(*_, **__):
+    """Stands in for what Ctrl-C interrupts."""
+    raise KeyboardInterrupt
+
+
+def moved(path):
+    """Somebody gives a folder another name."""
+    path.rename(path.with_name("elsewhere"))
 
 
 def resume(path, reporter=None):

@@ -4,7 +4,7 @@ import fcntl
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -61,6 +61,32 @@ def compiled_programs(pytestconfig: pytest.Config) -> Iterator[None]:
 
     # In memory all together would take gigabytes.
     jax.clear_caches()
+
+
+@pytest.fixture
+def float64() -> Iterator[None]:
+    """What JAX computes is in float64, as in highway-env."""
+    import jax
+
+    with jax.enable_x64(True):
+        yield
+
+
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Run a command that must be refused in one line or two: what it says."""
+
+    def run(*words: object) -> str:
+        from lanewise.cli.main import main
+
+        capsys.readouterr()
+        assert main([str(word) for word in words]) == 2, words
+        said = capsys.readouterr()
+        assert said.out == ""
+        assert len(said.err.splitlines()) <= 2
+        return said.err
+
+    return run
 
 
 @pytest.fixture

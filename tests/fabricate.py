@@ -7,19 +7,13 @@ import numpy as np
 from lanewise import config
 from lanewise.config.settings import Settings
 from lanewise.driving import accident_kinds as kinds
-from lanewise.evaluation.conditions import (
-    HORIZONS,
-    KINDS,
-    ConditionCell,
-    ConditionGrid,
-    ConditionOutcome,
-)
+from lanewise.evaluation.cells import KINDS, Cell, CellOutcome, Reach, cells_of
+from lanewise.evaluation.conditions import HORIZONS, Condition, ConditionGrid
 from lanewise.evaluation.episodes import Episodes, Recording
-from lanewise.evaluation.grid import Cell, Grid, PointResult, Reach
+from lanewise.evaluation.grid import Grid, Point
 from lanewise.evaluation.metrics import summarise
 from lanewise.report.experiment_tables import ArmFigures
-from lanewise.report.robust_tables import RobustResult
-from lanewise.report.sweep_page import SweepResult
+from lanewise.report.sweep_result import SweepResult
 
 KIND_OF = np.array([kinds.NONE, kinds.CAR_AHEAD, kinds.OFF_ROAD, kinds.STOPPED], np.int8)
 """A kind for each accident."""
@@ -145,7 +139,7 @@ OURS = make_arm("two levels", "hierarchical", [98, 99, 100, 100, 90])
 FLAT = make_arm("flat | one", "single-level", [0, 0, 1, 0, 0])
 
 
-def make_sweep(grid: Grid | None = None, episodes: int = 20) -> SweepResult:
+def make_sweep(grid: Grid | None = None, episodes: int = 20) -> SweepResult[Point]:
     """A controller that is good near the paper's start, on a grid where fast starts cannot be won.
 
     At 13 m/s behind 8 m/s nothing can be won; at 13 behind 9 only with D1 beyond 15 m.
@@ -153,67 +147,63 @@ def make_sweep(grid: Grid | None = None, episodes: int = 20) -> SweepResult:
     grid = grid or Grid()
     draw = random.Random(0)
     cells = []
-    for point in grid.points():
+    for point in grid.places():
         faster = point.ego_speed - point.trap_speed
         winnable = faster < 4 or (faster == 4 and point.front_distance > 15.0)
         reach = Reach(winnable, True, winnable and faster < 4, "4" * 50 if winnable else "", 0)
         chance = max(0.0, 1.0 - 0.15 * abs(faster)) if winnable else 0.0
         won = sum(draw.random() < chance for _ in range(episodes))
         hit = draw.randint(0, episodes - won)
-        outcome = PointResult(episodes, won, hit, 0, 0, 12.5, 9.0, escapes=won + hit // 2)
+        kinds = [hit, *[0] * (len(KINDS) - 1)]
+        outcome = CellOutcome(episodes, 12.5, 9.0, [won + hit // 2], [won], [kinds], [-1])
         cells.append(Cell(point, reach, outcome))
-    return SweepResult(
-        controller="hierarchical",
-        training_seed=3,
-        trained_by={"commit": "a" * 40, "clean_tree": True, "training": "1" * 12},
-        settings=config.flatten(Settings()),
-        grid=grid,
-        episodes=episodes,
-        seed=1,
-        clearance=0.1,
-        command="lanewise sweep runs/h0 --out maps/h0",
-        cells=cells,
-    )
+    return _swept(grid, cells, [25], episodes, "lanewise sweep runs/h0 --out maps/h0")
 
 
-def make_robust(grid: ConditionGrid | None = None, episodes: int = 20) -> RobustResult:
+def make_robust(grid: ConditionGrid | None = None, episodes: int = 20) -> SweepResult[Condition]:
     """A controller whose accidents grow with time; its start 13 behind 11 m/s cannot be won."""
     grid = grid or ConditionGrid()
     draw = random.Random(0)
-    reached = {
-        place: Reach(place[0] < 13.0, True, place[0] < 12.0, "4" * 50, 0)
-        for place in grid.winnable_places()
-    }
-    cells = []
-    for condition in (each for group in grid.groups() for each in group):
-        place = (condition.ego_speed, condition.trap_speed, condition.lanes)
+    reached = [
+        Reach(place.ego_speed < 13.0, True, place.ego_speed < 12.0, "4" * 50, 0)
+        for place in grid.searched()
+    ]
+    outcomes = []
+    for _ in grid.places():
         hit, kinds = 0, []
         for _ in HORIZONS:
             hit += draw.randint(0, (episodes - hit) // 3)
             kinds.append([hit - hit // 3, *[0] * (len(KINDS) - 2), hit // 3])
         hits = [sum(found) for found in kinds]
-        outcome = ConditionOutcome(
-            episodes,
-            escapes=[episodes - 1] * len(hits),
-            successes=[episodes - 1 - hit for hit in hits],
-            kinds=kinds,
-            first_accident=[3 if hit else -1 for hit in hits],
+        outcomes.append(
+            CellOutcome(
+                episodes=episodes,
+                speed=12.5,
+                reward=9.0,
+                escapes=[episodes - 1] * len(hits),
+                successes=[episodes - 1 - hit for hit in hits],
+                kinds=kinds,
+                first_accident=[3 if hit else -1 for hit in hits],
+            )
         )
-        winnable = place in reached and reached[place].winnable
-        cells.append(ConditionCell(condition, winnable, outcome))
-    return RobustResult(
+    command = "lanewise sweep runs/h0 --grid robust --out maps/robust"
+    return _swept(grid, cells_of(grid, reached, outcomes), HORIZONS, episodes, command)
+
+
+def _swept(grid, cells, horizons, episodes, command) -> SweepResult:
+    return SweepResult(
         controller="hierarchical",
         training_seed=3,
         trained_by={"commit": "a" * 40, "clean_tree": True, "training": "1" * 12},
+        seen=("paper",),
         settings=config.flatten(Settings()),
         changes={},
-        seen=("paper",),
-        grid=grid,
+        run="runs/h0",
+        command=command,
         episodes=episodes,
         seed=1,
         clearance=0.1,
-        run="runs/h0",
-        command="lanewise sweep runs/h0 --grid robust --out maps/robust",
-        reached=reached,
+        horizons=horizons,
+        axes=vars(grid),
         cells=cells,
     )

@@ -87,6 +87,14 @@ def make_world(
     return fit(World(road, drivers, vehicles), size)
 
 
+def scattered(rng, count):
+    """Vehicles on and between three lanes, some abreast."""
+    x, y = rng.uniform(440.0, 560.0, count), rng.uniform(-1.5, 9.5, count)
+    lane, kinds = np.clip(np.round(y / 4.0), 0, 2), [0] + [1] * (count - 1)
+    speed, heading = rng.uniform(5.0, 15.0, count), rng.uniform(-0.1, 0.1, count)
+    return make_world(x, lane, speed, y=y, heading=heading, kinds=kinds, size=8)
+
+
 # XLA takes subnormal numbers for 0.
 floats = partial(st.floats, allow_subnormal=False)
 rows = st.tuples(

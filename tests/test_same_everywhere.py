@@ -1,18 +1,20 @@
-"""The same command gives the same bytes, whatever surrounds its process."""
+"""The same command gives the same bytes, whatever surrounds its process.
+
+On processors with other instructions, tests of a trained controller end alike.
+"""
 
 import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import small_runs
 
 from lanewise import config
+from lanewise.evaluation import metrics
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="only Linux has it"),
-]
+pytestmark = pytest.mark.slow
 
 KEPT = {"JAX_COMPILATION_CACHE_DIR": "programs", "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
 OTHERS = {
@@ -55,6 +57,7 @@ def differing(found, expected):
     return [name for name in expected if found[name] != expected[name]]
 
 
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="only Linux has it")
 def test_surroundings_change_nothing_and_another_seed_changes_everything(tmp_path):
     flags = small_runs.flags(2)
     flags |= {f"single_level.{name}": value for name, value in FULL_SIZE.items()}
@@ -70,3 +73,35 @@ def test_surroundings_change_nothing_and_another_seed_changes_everything(tmp_pat
     finally:
         os.sched_setaffinity(0, cores)
     assert differing(other, expected) == list(expected)
+
+
+ALIKE = ("success", "accident", "duration", "escape_time", "goals", "goals_timed_out")
+TEST = """
+import sys
+from lanewise.evaluation import evaluator
+evaluator.BLOCK = 25
+from lanewise.cli.main import main
+sys.exit(main(["evaluate", "pretrained/hierarchical", "--episodes", "100", *sys.argv[1:]]))
+"""
+
+
+def episodes(path, flags):
+    """Of a process that compiles for so old a processor."""
+    environment = os.environ | {"XLA_FLAGS": flags}
+    environment.pop("JAX_COMPILATION_CACHE_DIR", None)
+    command = [sys.executable, "-c", TEST, "--episodes-out", path]
+    subprocess.run(command, env=environment, capture_output=True, check=True)
+    return metrics.from_csv(path.read_text())
+
+
+def test_code_for_an_older_instruction_set(tmp_path):
+    """XLA's code for SSE4.2 has no fused multiply-add, so it rounds otherwise."""
+    ours = episodes(tmp_path / "ours.csv", "")
+    old = episodes(tmp_path / "old.csv", "--xla_cpu_max_isa=SSE4_2")
+    rounded = False
+    for name, values in vars(ours).items():
+        rtol = 0.0 if name in ALIKE else 1e-4
+        np.testing.assert_allclose(getattr(old, name), values, rtol=rtol, err_msg=name)
+        rounded |= not np.array_equal(getattr(old, name), values, equal_nan=True)
+    # The flag did something: this test would pass without it.
+    assert rounded

@@ -15,7 +15,7 @@ from fabricate import make_episodes
 from lanewise import config
 from lanewise.cli import journal
 from lanewise.config.settings import Settings
-from lanewise.evaluation.grid import PointResult, Reach
+from lanewise.evaluation.cells import KINDS, CellOutcome, Reach
 from lanewise.experiments import experiment, jobs, stored_tests
 from lanewise.export import contents, formats
 from lanewise.runs import pytree_io, run_state, trained
@@ -122,7 +122,7 @@ TARGETS = (
     Target(
         JOURNAL,
         ("progress.json",),
-        lambda folder: journal.read(folder / "progress.json", IDENTITY, PointResult),
+        lambda folder: journal.read(folder / "progress.json", IDENTITY),
     ),
 )
 
@@ -143,10 +143,11 @@ def make(out: Path, whole: Path, stopped: Path) -> None:
     (out / OWN_EXPERIMENT / "experiment.toml").write_text(EXPERIMENT)
     (out / TEST / stored_tests.SETTINGS).write_text(config.dump_toml(Settings()))
     store_test(tested(out / TEST), made_up_episodes(0))
-    book = journal.open_(out / JOURNAL / "progress.json", IDENTITY, PointResult)
+    book = journal.open_(out / JOURNAL / "progress.json", IDENTITY)
     with book.folder:
         book.add([Reach(True, True, bool(n % 2), "0123" * n, n) for n in range(4)])
-        book.add([PointResult(20, 18, 1, 1, 0, 12.5 + n, 9.25, 19) for n in range(4)])
+        kinds = [1] * len(KINDS)
+        book.add([CellOutcome(20, 12.5 + n, 9.25, [9], [8], [kinds], [3]) for n in range(4)])
 
 
 def made_up_episodes(seed, count=40):

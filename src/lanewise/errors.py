@@ -74,8 +74,4 @@ def shell_line(*words: object) -> str:
 def _spelled(char: str) -> str:
     if char in ("\n", *_JOINERS) or unicodedata.category(char) not in _STEERING:
         return char
-    return (
-        char.encode("ascii", "backslashreplace").decode()
-        if char > "\x7f"
-        else f"\\x{ord(char):02x}"
-    )
+    return char.encode("unicode_escape").decode()

@@ -3,9 +3,9 @@
 import csv
 import json
 import shutil
+from functools import partial
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
 import small_runs
@@ -17,9 +17,6 @@ from lanewise.errors import LanewiseError
 from lanewise.evaluation import evaluator
 from lanewise.experiments import evaluate_trained
 from lanewise.report import output_files
-from lanewise.runs import run_state
-from lanewise.runs.run_folder import RunFolder
-from lanewise.training.plan import TrainingPlan
 from untrusted_files import made_up_episodes
 
 CONTROLLER = "single-level"
@@ -46,10 +43,8 @@ def make_run(name, changes):
     settings = config.compose(flags=OPTIONS | changes)
     seed = 1 if name == "s1" else 0
     rng = np.random.default_rng(seed)
-    with RunFolder.create(Path(name), settings, CONTROLLER, seed) as folder:
-        shapes = TrainingPlan.build(settings, CONTROLLER).parameters
-        weights = jax.tree.map(lambda leaf: rng.normal(0, 0.5, leaf.shape).astype("f4"), shapes)
-        run_state.save_controller(folder, weights)
+    drawn = partial(rng.normal, 0, 0.5)
+    small_runs.finish(Path(name), settings, CONTROLLER, seed, drawn)
 
 
 @pytest.fixture(scope="module")
@@ -85,16 +80,7 @@ def compare(capsys, *words):
     return capsys.readouterr().out
 
 
-def refused(capsys, *words):
-    capsys.readouterr()
-    assert main(["compare", *words]) == 2
-    output = capsys.readouterr()
-    assert output.out == ""
-    assert len(output.err.splitlines()) <= 2
-    return output.err
-
-
-def test_no_command_writes_into_a_run(runs, capsys):
+def test_no_command_writes_into_a_run(runs, refused):
     before = small_runs.everything(runs)
     for words in (
         "evaluate s0 --episodes-out s0/settings.toml",
@@ -108,11 +94,9 @@ def test_no_command_writes_into_a_run(runs, capsys):
         "train single-level --out s0/again",
         "reproduce --out s0/again",
     ):
-        assert main(words.split()) == 2, words
-        said = capsys.readouterr()
-        assert said.out == ""
-        assert "belongs to the run in " in said.err, words
-        assert said.err.endswith("; choose another place\n")
+        said = refused(*words.split())
+        assert "belongs to the run in " in said, words
+        assert said.endswith("; choose another place\n")
     found = lanewise.evaluate("s0", episodes=2, quiet=True)
     for write, name in ((found.save, "settings.json"), (found.clip, "clip.gif")):
         with pytest.raises(LanewiseError, match=r"belongs to the run in .*s0; choose"):
@@ -126,8 +110,6 @@ def test_json_agrees_with_evaluate(runs, capsys):
     assert printed.count("\n") == 1
     found = json.loads(printed)
     assert [run["run"] for run in found["runs"]] == ["s0", "s1", "wide"]
-    assert [arm["runs"] for arm in found["arms"]] == [[0, 1], [2]]
-    assert [arm["seeds"] for arm in found["arms"]] == [[0, 1], [0]]
     # Training starts and what a controller sees are its own affair, and no reason to refuse.
     assert found["settings"] == {
         "scenario.training_front_distance": [[14.8, 16.44], [14.8, 16.44], [15.0, 16.0]],
@@ -139,10 +121,6 @@ def test_json_agrees_with_evaluate(runs, capsys):
         assert main(["evaluate", run["run"], "--episodes", "5", "--seed", "3", "--json"]) == 0
         alone = json.loads(capsys.readouterr().out)
         assert {name: run[name] for name in alone} == alone
-    means = [run["travel_distance"] for run in found["runs"]]
-    for difference in found["differences"]:
-        expected = means[difference["run"]] - means[0]
-        assert difference["travel_distance"]["difference"] == pytest.approx(expected)
 
 
 def test_tables_and_files(runs, capsys):
@@ -154,14 +132,15 @@ def test_tables_and_files(runs, capsys):
         assert {row["run"] for row in csv.DictReader(lines)} == {"s0", "s1"}
 
 
-def test_a_file_that_cannot_be_written_never_costs_figures(runs, capsys, monkeypatch):
+@pytest.mark.parametrize("words", ["compare s0 s1 --csv", "evaluate s0 --episodes-out"])
+def test_a_file_that_cannot_be_written_never_costs_figures(runs, capsys, monkeypatch, words):
     def full(path, text):
         raise LanewiseError(f"cannot write {path}: No space left on device")
 
     monkeypatch.setattr(output_files, "write_text", full)
-    assert main(["compare", "s0", "s1", "--episodes", "2", "--csv", "c.csv"]) == 2
+    assert main([*words.split(), "c.csv", "--episodes", "2"]) == 2
     output = capsys.readouterr()
-    assert output.out.startswith("A  s0")
+    assert "single-level" in output.out
     assert "cannot write c.csv" in output.err
 
 
@@ -188,18 +167,17 @@ def test_all_drive_the_scenario_of_one(runs, capsys):
             ["s0", "penalised", "--scenario-of", "s0"],
             "--driving.reward.accident-penalty VALUE tests",
         ),
-        (["s0"], "a comparison needs at least two runs, got 1"),
         (["s0", "s1", "s0"], "s0 and s0 are the same run twice: single-level, the same settings"),
         (["s0", "s1", "--markdown", "c.md", "--csv", "./c.md"], "c.md is named for two results;"),
         (["s0", "s1", "--csv", "s0"], "cannot write s0: a folder has that name"),
         (["s0", "begun"], "begun is not finished and has no weights yet; lanewise train"),
     ],
 )
-def test_refusals(runs, capsys, words, hint):
+def test_refusals(runs, refused, words, hint):
     (runs / "begun").mkdir(exist_ok=True)
     for name in ("run.json", "settings.toml"):
         shutil.copy(runs / "s1" / name, runs / "begun")
-    said = refused(capsys, *words)
+    said = refused("compare", *words)
     assert hint in said
     assert ("--scenario-of RUN" in said) == ("fast" in words)
     assert not (runs / "c.md").exists()

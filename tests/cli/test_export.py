@@ -1,35 +1,10 @@
 """``lanewise export``: what it writes, checks and refuses."""
 
-import json
-import sys
-
-import pytest
-
 from lanewise.cli.main import main
-from lanewise.evaluation import evaluator
 from lanewise.export import check, numpy_policy
 from lanewise.export.check import Agreement
 
 FLAT = "pretrained/single-level"
-
-
-def refusal(capsys, *words):
-    assert main(["export", *map(str, words)]) == 2
-    said = capsys.readouterr().err
-    assert len(said.splitlines()) <= 2
-    return said
-
-
-@pytest.mark.slow
-def test_the_written_file_is_compared_with_the_controller(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(evaluator, "BLOCK", 4)
-    for ending in ("npz", "onnx"):
-        out = tmp_path / f"policy.{ending}"
-        words = ["--check", "150", "--json", "--scenario.lanes", "4", "--evaluation.duration", "9"]
-        assert main(["export", FLAT, "--out", str(out), *words]) == 0
-        found = json.loads(capsys.readouterr().out)
-        assert (found["controller"], found["out"]) == ("single-level", str(out))
-        assert found["check"]["same"] == found["check"]["states"] >= 150
 
 
 def test_a_difference_is_an_exit_code(tmp_path, capsys, monkeypatch):
@@ -66,11 +41,11 @@ def test_goals_may_be_renewed_otherwise(tmp_path):
     assert (goals["renewal"], goals["lifetime"]) == ("critic", 6)
 
 
-def test_refusals(tmp_path, capsys):
+def test_refusals(tmp_path, refused):
     out, mine = tmp_path / "a.npz", tmp_path / "mine.npz"
     mine.write_text("mine")
     for words, hint in (
-        ((FLAT, "--out", mine), "nothing is overwritten"),
+        ((FLAT, "--out", mine), "exists; choose another file"),
         ((FLAT, "--out", tmp_path / "a.pt"), "--out must end in"),
         ((FLAT,), "missing --out"),
         ((FLAT, "--out", out, "--renewal", "critic"), "has no goals"),
@@ -79,16 +54,6 @@ def test_refusals(tmp_path, capsys):
         (("reference/rule-based", "--out", out), "reference/rule-based cannot be exported: "),
         (("reference/search", "--out", out), "reference/search cannot be exported: "),
     ):
-        assert hint in refusal(capsys, *words)
+        assert hint in refused("export", *words)
     assert list(tmp_path.iterdir()) == [mine]
     assert mine.read_text() == "mine"
-
-
-def test_a_missing_package(tmp_path, capsys, monkeypatch):
-    for name in ("onnx_model", "recording"):
-        monkeypatch.delitem(sys.modules, f"lanewise.export.{name}", raising=False)
-        monkeypatch.delattr(f"lanewise.export.{name}", raising=False)
-    monkeypatch.setitem(sys.modules, "onnx", None)
-    said = refusal(capsys, FLAT, "--out", tmp_path / "a.onnx")
-    assert 'pip install ".[onnx]" in your clone' in said
-    assert not list(tmp_path.iterdir())

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+import small_runs
 
 from lanewise.cli.main import main
 from lanewise.experiments import drives, experiment, schedule
@@ -58,25 +59,23 @@ def test_it_prints_the_papers_table_with_ours_beside_it_and_leaves_a_report(done
     assert f"\n\n{provenance.trained_by([seed['trained_by']])}\n\n" in made
 
 
-def test_a_folder_in_use_is_refused(tmp_path, capsys):
+def test_a_folder_in_use_is_refused(tmp_path, refused):
     with folder_io.lock(tmp_path / "out", "reproducing"):
-        assert main(words(tmp_path / "out")) == 2
-    assert "is in use: another process is reproducing in it" in capsys.readouterr().err
+        said = refused(*words(tmp_path / "out"))
+    assert "is in use: another process is reproducing in it" in said
 
 
 @pytest.mark.slow
-def test_a_complete_folder_and_arms_of_another_trap_are_refused(done, tmp_path, capsys):
+def test_a_complete_folder_and_arms_of_another_trap_are_refused(done, tmp_path, refused):
     """Also arms that are not asked for: the report speaks of all arms in the folder."""
     out, _ = done
     before = (out / "report.md").read_bytes()
-    assert main(words(out)) == 2
-    assert "is complete: see" in capsys.readouterr().err
+    assert "is complete: see" in refused(*words(out))
     assert (out / "report.md").read_bytes() == before
     folder = tmp_path / "out"
     shutil.copytree(out / "runs" / "hierarchical", folder / "runs" / "hierarchical")
     shutil.copy(out / experiment.FILE, folder)
-    assert main([*words(folder, "single-level"), "--trap", "trap-10.9"]) == 2
-    said = capsys.readouterr().err
+    said = refused(*words(folder, "single-level"), "--trap", "trap-10.9")
     assert "hierarchical/seed-0 was made with other settings: there scenario.trap_speed" in said
     assert not (folder / "runs" / "single-level").exists()
 
@@ -85,11 +84,7 @@ def test_a_complete_folder_and_arms_of_another_trap_are_refused(done, tmp_path, 
 def test_a_report_that_lacks_what_is_to_be_done_goes_first(done, tmp_path, monkeypatch):
     """Else an interruption would leave a folder that looks complete."""
     folder = shutil.copytree(done[0], tmp_path / "out")
-
-    def interrupted(*arguments):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(schedule, "run", interrupted)
+    monkeypatch.setattr(schedule, "run", small_runs.stop)
     for _ in range(2):
         assert main([*words(folder), "--seeds", "2"]) == 130
         assert not (folder / "report.md").exists()

@@ -1,6 +1,7 @@
 """Commands on a trained run: what they print, write and refuse."""
 
 import csv
+import itertools
 import json
 import re
 import shutil
@@ -11,14 +12,13 @@ from PIL import Image
 
 from lanewise.cli import sweep_command as sweep
 from lanewise.cli.main import main
-from lanewise.errors import LanewiseError
 from lanewise.evaluation import conditions, evaluator
 from lanewise.evaluation import sweep as drives
-from lanewise.evaluation.grid import CAUSES, PointResult, Reach
-from lanewise.report import output_files
+from lanewise.evaluation.cells import KINDS, CellOutcome, Reach
 from lanewise.report import sweep_page as maps
 from lanewise.system import folder_io, safe_io
 
+WON = CellOutcome(2, 8.0, 10.0, [2], [2], [[0] * len(KINDS)], [-1])
 KEYS = {"controller", "success_rate", "accident_rate", "accumulated_reward", "intervals"}
 
 
@@ -43,18 +43,6 @@ def test_evaluate_prints_one_json_object_and_a_line_per_episode(whole, capsys, t
     assert len(rows) == 5
     mean = sum(float(row["travel_distance"]) for row in rows) / 5
     assert mean == pytest.approx(found["travel_distance"], rel=1e-4)
-
-
-def test_episodes_that_cannot_be_written_cost_no_figures(whole, capsys, tmp_path, monkeypatch):
-    def full(path, text):
-        raise LanewiseError(f"cannot write {path}: No space left on device")
-
-    monkeypatch.setattr(output_files, "write_text", full)
-    out = ["--episodes-out", str(tmp_path / "e.csv")]
-    assert main(["evaluate", str(whole), "--episodes", "5", *out]) == 2
-    said = capsys.readouterr()
-    assert "hierarchical" in said.out
-    assert "No space left" in said.err
 
 
 @pytest.mark.slow
@@ -88,8 +76,19 @@ def sweep_words(run, out, **changes):
     return ["sweep", str(run), "--out", str(out), *words]
 
 
+def interrupt(words, at):
+    """A sweep is interrupted in its block of that number."""
+    real, blocks = evaluator.drive_block, itertools.count(1)
+    drive = lambda *given: small_runs.stop() if next(blocks) == at else real(*given)  # noqa: E731
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(evaluator, "drive_block", drive)
+        assert main(words) == 130
+
+
 @pytest.mark.slow
-def test_sweep_writes_a_map_and_continues_an_interrupted_one(whole, tmp_path, capsys, monkeypatch):
+def test_sweep_writes_a_map_and_continues_an_interrupted_one(
+    whole, tmp_path, capsys, monkeypatch, refused
+):
     monkeypatch.setattr(evaluator, "BLOCK", 4)
     out = tmp_path / "map"
     assert main(sweep_words(whole, out)) == 0
@@ -97,44 +96,31 @@ def test_sweep_writes_a_map_and_continues_an_interrupted_one(whole, tmp_path, ca
     assert "| all starts | 8 | 16 |" in printed.out
     assert "what can be won: starting" in printed.err
     expected = json.loads((out / "map.json").read_text())
-    assert len(expected["starts"]) == 8
+    assert len(expected["cells"]) == 8
     assert not (out / "progress.json").exists()
-    assert main(sweep_words(whole, out)) == 2
-    assert "is complete: see" in capsys.readouterr().err
+    assert "is complete: see" in refused(*sweep_words(whole, out))
 
     cut = tmp_path / "cut"
-    real, calls = evaluator.drive_block, []
-
-    def interrupted(*arguments):
-        calls.append(1)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-        return real(*arguments)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(evaluator, "drive_block", interrupted)
-        assert main(sweep_words(whole, cut)) == 130
+    interrupt(sweep_words(whole, cut), at=3)
     assert "the same command continues it" in capsys.readouterr().err
     journal = cut / "progress.json"
     kept = json.loads(journal.read_text())
     assert (len(kept["reached"]), len(kept["outcomes"])) == (4, 4)
-    assert main(sweep_words(whole, cut, episodes="3")) == 2
-    assert "holds another sweep" in capsys.readouterr().err
+    assert "holds another sweep" in refused(*sweep_words(whole, cut, episodes="3"))
     # So is that of another controller with the same settings and seed.
     other = kept | {"sweep": kept["sweep"] | {"weights": "0" * 64}}
     journal.write_text(json.dumps(other | {"digest": safe_io.digest(other)}))
-    assert main(sweep_words(whole, cut)) == 2
-    assert "holds another sweep" in capsys.readouterr().err
+    assert "holds another sweep" in refused(*sweep_words(whole, cut))
     journal.write_text(json.dumps(kept))
     assert main(sweep_words(whole, cut)) == 0
     assert "episodes: continuing" in capsys.readouterr().err
     again = json.loads((cut / "map.json").read_text())
-    assert again["starts"] == expected["starts"]
+    assert again["cells"] == expected["cells"]
 
 
 @pytest.mark.slow
 def test_a_robust_sweep_that_was_interrupted_ends_as_one_that_was_not(
-    whole, tmp_path, capsys, monkeypatch
+    whole, tmp_path, capsys, monkeypatch, refused
 ):
     monkeypatch.setattr(evaluator, "BLOCK", 4)
     monkeypatch.setitem(conditions.DENSITIES, "light", conditions.Density(1, 0, 40.0))
@@ -146,21 +132,11 @@ def test_a_robust_sweep_that_was_interrupted_ends_as_one_that_was_not(
 
     assert main(words(tmp_path / "whole")) == 0
     assert "| seen in training | 4 | 8 |" in capsys.readouterr().out
-    cut, real, calls = tmp_path / "cut", evaluator.drive_block, []
-
-    def interrupted(*arguments):
-        calls.append(1)
-        if len(calls) == 4:
-            raise KeyboardInterrupt
-        return real(*arguments)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(evaluator, "drive_block", interrupted)
-        assert main(words(cut)) == 130
+    cut = tmp_path / "cut"
+    interrupt(words(cut), at=4)
     kept = json.loads((cut / "progress.json").read_text())
     assert (len(kept["reached"]), len(kept["outcomes"])) == (2, 4)
-    assert main([*words(cut), "--seed", "1"]) == 2
-    assert "holds another sweep" in capsys.readouterr().err
+    assert "holds another sweep" in refused(*words(cut), "--seed", 1)
     assert main(words(cut)) == 0
     for name in ("robust.json", "robust.md", "robust.png", "robust.svg"):
         # The date and the folder's name are their own.
@@ -170,35 +146,29 @@ def test_a_robust_sweep_that_was_interrupted_ends_as_one_that_was_not(
         )
         assert ours == theirs
     assert not (cut / "progress.json").exists()
-    assert main(words(cut)) == 2
-    assert "is complete: see" in capsys.readouterr().err
+    assert "is complete: see" in refused(*words(cut))
 
 
-def test_sweep_refuses_before_it_works(whole, tmp_path, capsys):
+def test_sweep_refuses_before_it_works(whole, tmp_path, refused):
     for changes, hint in (
         ({"front_distance": "15 5"}, "more than a car length (5.0 m), got 5.0"),
         ({"spacing": "25 8", "vehicles_behind": "0 2"}, "more than a car length"),
         ({"lanes": "3 3"}, "--lanes: 3 is given twice"),
     ):
-        assert main(sweep_words(whole, tmp_path / "map", **changes)) == 2
-        assert hint in capsys.readouterr().err
+        assert hint in refused(*sweep_words(whole, tmp_path / "map", **changes))
     waves = ["--scenario.trap-speed-wave", "2"]
     robust = ["sweep", str(whole), "--out", str(tmp_path / "map"), "--grid", "robust"]
     for words in (sweep_words(whole, tmp_path / "map"), robust):
-        assert main(words + waves) == 2
-        assert "--scenario.trap-speed-wave must be 0: whether a start" in capsys.readouterr().err
-    twice = ["--scenario.lanes", "3"]
-    assert main(sweep_words(whole, tmp_path / "map") + twice) == 2
-    said = capsys.readouterr().err
+        assert "--scenario.trap-speed-wave must be 0: whether a start" in refused(*words, *waves)
+    said = refused(*sweep_words(whole, tmp_path / "map"), "--scenario.lanes", 3)
     assert "--lanes and --scenario.lanes are the same axis; give one of them" in said
     assert not (tmp_path / "map").exists()
     with folder_io.lock(tmp_path / "busy", "sweeping"):
-        assert main(sweep_words(whole, tmp_path / "busy")) == 2
-    assert "busy is in use: another process is sweeping in it" in capsys.readouterr().err
+        said = refused(*sweep_words(whole, tmp_path / "busy"))
+    assert "busy is in use: another process is sweeping in it" in said
     assert list((tmp_path / "busy").iterdir()) == []
     (tmp_path / "note").write_text("mine")
-    assert main(sweep_words(whole, tmp_path)) == 2
-    assert "holds no sweep" in capsys.readouterr().err
+    assert "holds no sweep" in refused(*sweep_words(whole, tmp_path))
 
 
 def test_a_sweep_in_another_scenario(whole, tmp_path, monkeypatch, capsys):
@@ -206,7 +176,7 @@ def test_a_sweep_in_another_scenario(whole, tmp_path, monkeypatch, capsys):
 
     def drive(test, parameters, seed, episodes, points, first):
         driven.append((test.scenario, test.duration, points))
-        return [[PointResult(2, 2, *[0] * len(CAUSES), 8.0, 10.0, 2) for _ in points]]
+        return [[WON for _ in points]]
 
     monkeypatch.setattr(drives, "reach", lambda *_: [Reach(True, True, True, "0", 1)])
     monkeypatch.setattr(drives, "run", drive)
@@ -226,7 +196,7 @@ def test_a_sweep_in_another_scenario(whole, tmp_path, monkeypatch, capsys):
 
 def test_a_sweep_writes_into_no_other_folder(whole, tmp_path, monkeypatch, capsys):
     """While it draws, its folder is replaced by another."""
-    out, draw, left = tmp_path / "map", maps.write_sweep, {}
+    out, draw, left = tmp_path / "map", maps.write, {}
 
     def break_in(*arguments):
         shutil.rmtree(out)
@@ -236,9 +206,8 @@ def test_a_sweep_writes_into_no_other_folder(whole, tmp_path, monkeypatch, capsy
         return draw(*arguments)
 
     monkeypatch.setattr(drives, "reach", lambda *_: [Reach(True, True, True, "0", 1)])
-    points = [PointResult(2, 2, *[0] * len(CAUSES), 8.0, 10.0, 2)]
-    monkeypatch.setattr(drives, "run", lambda *_: [points])
-    monkeypatch.setattr(maps, "write_sweep", break_in)
+    monkeypatch.setattr(drives, "run", lambda *_: [[WON]])
+    monkeypatch.setattr(maps, "write", break_in)
     assert main(sweep_words(whole, out, ego_speed="9", lanes="3", spacing="25")) == 2
     said = capsys.readouterr().err.splitlines()
     assert f"lanewise: error: {out} was moved, removed or replaced" in said[-2]

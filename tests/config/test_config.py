@@ -61,26 +61,20 @@ def test_digest_follows_values_not_how_they_were_given():
     assert config.digest(config.compose(flags={"scenario.trap_speed": 10.1})) != base
 
 
+BEHIND = "scenario.traffic.vehicles_behind = 1; "
+
+
 @pytest.mark.parametrize(
     ("text", "hint"),
     [
         ("goals.lowest_speed = 17.0", "at most goals.highest_speed (16.0), got 17.0"),
         ("scenario.training_ego_speed = [9.0, 8.0]", "9.0 must not exceed 8.0"),
-        (
-            "scenario.training_ego_speed = [2.0, 9.0]; driving.stopped_speed = 2.5",
-            "scenario.training_ego_speed must be more than driving.stopped_speed (2.5), got 2.0",
-        ),
+        ("scenario.training_ego_speed = [2, 9]; driving.stopped_speed = 2.5", "(2.5), got 2.0"),
         ("scenario.test_front_distance = 5.0", "more than a car length (5.0 m), got 5.0"),
         ("scenario.traffic.spacing = 8.0", "spacing minus scenario.traffic.spacing_jitter must"),
-        (
-            "scenario.traffic.vehicles_behind = 1; scenario.test_side_distance = -35.0",
-            "scenario.test_side_distance must be more than -35.0 m, or the trap car stands among",
-        ),
+        (BEHIND + "scenario.test_side_distance = -35", "test_side_distance must be more than -35"),
         ("scenario.training_spacing = [8.0, 30.0]", "scenario.training_spacing minus scenario."),
-        (
-            "scenario.traffic.vehicles_behind = 1; scenario.training_gap_behind = [10.0, 45.0]",
-            "scenario.training_gap_behind minus scenario.traffic.spacing_jitter must be more than",
-        ),
+        (BEHIND + "scenario.training_gap_behind = [10, 45]", "training_gap_behind minus scenario."),
         (
             "scenario.training_vehicles_behind = [0, 1]; scenario.training_gap_behind = [12, 45]; "
             "scenario.training_side_distance = [-2.0, 5.0]",
@@ -88,11 +82,7 @@ def test_digest_follows_values_not_how_they_were_given():
             "among the traffic behind: scenario.training_gap_behind less",
         ),
         # Without a range in training, the value of the tests counts.
-        (
-            "scenario.traffic.vehicles_behind = 1; scenario.training_side_distance = [-35.0, 5.0]",
-            "scenario.training_side_distance must be more than -35.0 m, or the trap car stands "
-            "among the traffic behind: scenario.traffic.gap_behind less",
-        ),
+        (BEHIND + "scenario.training_side_distance = [-35, 5]", "scenario.traffic.gap_behind less"),
         (
             "scenario.trap_speed = 8.0; scenario.trap_speed_wave = 8.0",
             "scenario.trap_speed_wave must be less than the lowest speed of the trap (8.0 m/s), "
@@ -102,53 +92,25 @@ def test_digest_follows_values_not_how_they_were_given():
             "scenario.training_trap_speed = [6, 12]; scenario.training_trap_speed_wave = [0, 7]",
             "scenario.training_trap_speed_wave must be less than the lowest speed of the trap (6.0",
         ),
-        (
-            "scenario.training_trap_speed_wave = [0.0, 10.0]",
-            "scenario.training_trap_speed_wave must be less than the lowest speed of the trap (10",
-        ),
-        (
-            "scenario.training_trap_speed = [6.0, 12.0]; scenario.trap_speed_wave = 7.0",
-            "scenario.training_trap_speed_wave must be less than the lowest speed of the trap (6.0",
-        ),
+        ("scenario.training_trap_speed_wave = [0.0, 10.0]", "the lowest speed of the trap (10.0"),
+        ("scenario.training_trap_speed = [6, 12]; scenario.trap_speed_wave = 7", "the trap (6.0"),
         ("driving.latency = 0.46", "driving.latency in whole ticks must be less than a decision"),
-        (
-            "driving.training_latency = [0.0, 0.5]",
-            "driving.training_latency in whole ticks must be less than a decision (0.5 s), "
-            "got [0.0, 0.5]",
-        ),
+        ("driving.training_latency = [0.0, 0.5]", "less than a decision (0.5 s), got [0.0, 0.5]"),
         ("driving.training_latency = [0.3, 0.1]", "training_latency: 0.3 must not exceed 0.1"),
-        (
-            "driving.observation.training_noise = [0.2, 0.1]",
-            "driving.observation.training_noise: 0.2 must not exceed 0.1",
-        ),
-        (
-            "goals.lowest_speed = 0.1",
-            "driving.stopped_speed must be less than goals.lowest_speed (0.1), or goals ask for",
-        ),
+        ("driving.observation.training_noise = [0.2, 0.1]", "noise: 0.2 must not exceed 0.1"),
+        ("goals.lowest_speed = 0.1", "stopped_speed must be less than goals.lowest_speed (0.1)"),
         ("goals.speed_tolerance = 1.0", "must be less than goals.speed_step (1.0)"),
         (
             "driving.reward = {speed_weight = 0, steering_weight = 0, centring_weight = 0}",
             "driving.reward.centring_weight are all 0: there is nothing to reward",
         ),
-        (
-            "low_level.exploration.end = 0.6",
-            "low_level.exploration.end must be at most low_level.exploration.start (0.5), got 0.6",
-        ),
-        (
-            "high_level.decisions = 1000",
-            "high_level.learner.warm_up must be less than high_level.decisions (1000), or training",
-        ),
+        ("low_level.exploration.end = 0.6", "at most low_level.exploration.start (0.5), got 0.6"),
+        ("high_level.decisions = 1000", "warm_up must be less than high_level.decisions (1000)"),
         ("single_level.external_weight = 0", "external_weight is 0: there would never be"),
-        (
-            "low_level.learner.batch_size = 60000",
-            "at most low_level.learner.replay_capacity (50000), got 60000",
-        ),
+        ("low_level.learner.batch_size = 60000", "learner.replay_capacity (50000), got 60000"),
         ("high_level.decisions = 0", "training would never end"),
         (f"high_level.learner.hidden = {[8] * 17}", "hidden: at most 16 layers, got 17"),
-        (
-            "evaluation.duration = 5000",
-            "evaluation.duration: in 5000 s a vehicle could get 200,306 m from the start",
-        ),
+        ("evaluation.duration = 5000", "in 5000 s a vehicle could get 200,306 m from the start"),
     ],
 )
 def test_settings_that_contradict_one_another(text, hint):
@@ -190,7 +152,6 @@ def test_memory_is_needed_by_the_stages_that_are_trained():
     [
         ("trap_speed", "did you mean scenario.trap_speed?"),
         ("low_level.batch_size", "did you mean low_level.learner.batch_size"),
-        ("scenario.speed_trap", "did you mean scenario.trap_speed?"),
         ("zzz", "`lanewise train --help` lists all"),
     ],
 )
@@ -207,10 +168,7 @@ def test_unknown_presets_are_refused_with_the_nearest_right_one():
 @pytest.mark.parametrize(
     ("content", "hint"),
     [
-        (b"[scenario\n", "not valid TOML"),
-        (b"a = " + b"[" * 5000, "not valid TOML"),
         (b"# \xff\n", "not valid TOML: not UTF-8 text"),
-        (b"#" * 1_000_001, "larger than"),
         (b"scenario = 3\n", "scenario is a section, not a setting"),
         (b"[scenario.lanes]\nx = 1\n", "scenario.lanes: expected a whole number"),
         (b"[zzz]\n", 'unknown section "zzz"; known: scenario, scenario.traffic'),

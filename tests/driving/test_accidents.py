@@ -6,14 +6,9 @@ from lanewise.driving import accidents
 from lanewise.interop.highway_env import build_env
 from small_worlds import change, make_world
 
+pytestmark = pytest.mark.usefixtures("float64")
 OF_EGO = jax.jit(accidents.ego_accident)
 OFF_ROAD = jax.jit(accidents.off_road)
-
-
-@pytest.fixture(autouse=True)
-def float64():
-    with jax.enable_x64(True):
-        yield
 
 
 def code(y=4.0, speed=10.0, crashed=(False, False)):

@@ -6,26 +6,16 @@ import pytest
 
 from lanewise.driving import headway
 from lanewise.interop.highway_env import build_env
-from small_worlds import change, make_world
+from small_worlds import change, make_world, scattered
 
 OF_EGO = jax.jit(headway.of_ego)
-
-
-def random_world(rng, count):
-    """Vehicles on and between the lanes, some abreast."""
-    x = rng.uniform(440.0, 560.0, count)
-    y = rng.uniform(-1.5, 9.5, count)
-    lane = np.clip(np.round(y / 4.0), 0, 2)
-    kinds = [0] + [1] * (count - 1)
-    speed, heading = rng.uniform(5.0, 15.0, count), rng.uniform(-0.1, 0.1, count)
-    return make_world(x, lane, speed, y=y, heading=heading, kinds=kinds, size=8)
 
 
 @pytest.mark.parametrize("count", [2, 8])
 def test_the_vehicle_ahead_is_highway_env_s_neighbour(count):
     rng, met, closing = np.random.default_rng(count), 0, 0
     for _ in range(40):
-        world = random_world(rng, count)
+        world = scattered(rng, count)
         found, env = OF_EGO(world), build_env(world)
         ego = env.vehicle
         assert found.lane == ego.lane_index[2]

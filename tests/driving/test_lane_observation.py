@@ -6,7 +6,7 @@ from lanewise.driving import lane_observation as lanes
 from lanewise.driving.observation import features, surroundings
 from lanewise.driving.settings import ObservationSettings
 from lanewise.interop.highway_env import build_env
-from small_worlds import make_world
+from small_worlds import make_world, scattered
 
 IN_JAX = jax.jit(features, static_argnums=0)
 LANES = ObservationSettings(variant="lanes")
@@ -22,20 +22,11 @@ def observed(world):
     return dict(zip(NAMES, found * divisors, strict=True))
 
 
-def random_world(rng, count):
-    x = rng.uniform(440.0, 560.0, count)
-    y, speed = rng.uniform(-1.5, 9.5, count), rng.uniform(5.0, 15.0, count)
-    lane = np.clip(np.round(y / 4.0), 0, 2)
-    kinds = [0] + [1] * (count - 1)
-    heading = rng.uniform(-0.1, 0.1, count)
-    return make_world(x, lane, speed, y=y, heading=heading, kinds=kinds, size=8)
-
-
 @pytest.mark.parametrize("count", [2, 8])
 def test_neighbours_are_those_of_highway_env_on_random_worlds(count):
     rng, found = np.random.default_rng(count), 0
     for _ in range(20):
-        world = random_world(rng, count)
+        world = scattered(rng, count)
         seen, env = observed(world), build_env(world)
         ego, own = env.vehicle, round(float(np.clip(world.vehicles.y[0] / 4.0, 0, 2)))
         for side, step in lanes.SIDES:
@@ -67,7 +58,7 @@ def test_the_ego_is_observed_relative_to_its_lane():
 
 
 def test_where_it_is_along_the_road_is_not_observed():
-    world = random_world(np.random.default_rng(3), 8)
+    world = scattered(np.random.default_rng(3), 8)
     seen = surroundings(world)
     moved = lanes.observe(np, seen._replace(x=seen.x + 5000.0))
     np.testing.assert_allclose(moved, lanes.observe(np, seen), atol=1e-9)

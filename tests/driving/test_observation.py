@@ -10,16 +10,11 @@ from lanewise.interop import highway_env_evaluation
 from lanewise.interop.highway_env import build_env
 from small_worlds import change, make_world
 
+pytestmark = pytest.mark.usefixtures("float64")
 THEIRS = ObservationSettings(scaling="highway-env")
 FINE = ObservationSettings(scaling="fine")
 FEATURES = jax.jit(observation.features, static_argnums=0)
 COUNT = 12
-
-
-@pytest.fixture(autouse=True)
-def float64():
-    with jax.enable_x64(True):
-        yield
 
 
 def world_of(x, y, speed, heading=0.0, lanes=3):
@@ -49,7 +44,7 @@ def test_observation_is_highway_envs_kinematics_on_random_worlds(lanes, count):
         others = np.concatenate([[0.0], rng.uniform(-60.0, 260.0, count - 1)])
         y = rng.uniform(-1.0, 4.0 * lanes - 3.0, count)
         speed, heading = rng.uniform(0.0, 30.0, count), rng.uniform(-0.5, 0.5, count)
-        observed(world_of(rng.uniform(0.0, 60.0) + others, y, speed, heading, lanes))
+        observed(world_of(rng.uniform(0.0, 260.0) + others, y, speed, heading, lanes))
 
 
 def test_features_that_somebody_edited_leave_the_comparison_with_highway_env(monkeypatch):

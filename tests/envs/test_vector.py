@@ -9,7 +9,6 @@ import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import lanewise  # noqa: F401  # tells Gymnasium of the environments
 from lanewise.errors import LanewiseError, SettingsError
@@ -67,16 +66,6 @@ def _where(reset, done):
     return observations, {name: values[done] for name, values in info.items()}
 
 
-def test_gymnasium_s_wrappers():
-    env = RecordEpisodeStatistics(make())
-    env.reset(seed=0)
-    env.action_space.seed(0)
-    for _ in range(60):
-        env.step(env.action_space.sample())
-    assert env.episode_count > COUNT
-    assert all(length <= 16 for length in env.length_queue)
-
-
 def test_pictures_need_a_mode_and_an_episode():
     assert make().render() is None
     env = make(render_mode="rgb_array")
@@ -86,11 +75,6 @@ def test_pictures_need_a_mode_and_an_episode():
     one, other, *_ = env.render()
     assert one.shape == other.shape == (240, 960, 3)
     assert not np.array_equal(one, other)
-
-
-def test_numbers_may_be_of_numpy():
-    env = make(np.array([2])[0], trap_speed=np.float32(9.0))
-    assert (type(env.num_envs), env.num_envs, env.config.scenario.trap_speed) == (int, 2, 9.0)
 
 
 @pytest.mark.parametrize(
@@ -155,14 +139,7 @@ LAST = 2**32 - 1
         ({"seed": [9, 10, 11, 12, 13, -1]}, "must be a whole number between 0 and .*, got -1"),
         ({"seed": [9, 10, 11, 12, 13, LAST + 1]}, "must be a whole number .*, got 4294967296"),
         ({"seed": LAST - COUNT + 2}, "must be a whole number .*, got 4294967296"),
-        ({"seed": np.arange(6.0)}, "got 0.0"),
-        ({"seed": [1, 2, 3, 4, 5, True]}, "got true"),
-        ({"seed": "123456"}, 'got "123456"'),
-        ({"seed": {1, 2, 3, 4, 5, 6}}, "got {1, 2, 3, 4, 5, 6}"),
         ({"seed": np.zeros((6, 2), int)}, r"got \[0, 0\]"),
-        ({"seed": 5, "options": {"begin": 3}}, "unknown option 'begin'"),
-        ({"seed": 5, "options": {"start": True}}, "option start must be a whole number"),
-        ({"seed": 5, "options": 3}, "options: expected a mapping, got 3"),
         ({"seed": 5, "options": {"reset_mask": [True, False]}}, "reset_mask must be"),
         ({"seed": 5, "options": {"reset_mask": np.zeros(COUNT, bool)}}, "reset_mask must be"),
     ],
@@ -186,8 +163,8 @@ def test_seeds_of_none_are_drawn_for_each_world_alone():
     assert again["start"].tolist() == [0] + [1] * (COUNT - 1)
 
 
-@pytest.mark.parametrize(
-    "seed", [np.arange(3, 3 + COUNT), tuple(range(3, 3 + COUNT)), np.int64(3), np.uint8(3)]
-)
-def test_seeds_may_be_of_numpy(seeded, seed):
-    assert seeded.reset(seed=seed)[1]["seed"].tolist() == list(range(3, 3 + COUNT))
+def test_numbers_may_be_of_numpy():
+    env = make(np.array([2])[0], trap_speed=np.float32(9.0))
+    assert (type(env.num_envs), env.num_envs, env.config.scenario.trap_speed) == (int, 2, 9.0)
+    for seed in (np.arange(3, 5), np.uint8(3)):
+        assert env.reset(seed=seed)[1]["seed"].tolist() == [3, 4]

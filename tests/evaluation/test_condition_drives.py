@@ -8,6 +8,7 @@ import pytest
 
 from lanewise import config
 from lanewise.config.settings import Settings
+from lanewise.evaluation import cells as grid_cells
 from lanewise.evaluation import condition_drives, conditions, evaluator, sweep
 from lanewise.evaluation.conditions import HORIZONS, ConditionGrid, Density
 from lanewise.training import recipe
@@ -72,6 +73,6 @@ def test_a_cell_counts_what_a_test_of_its_own_counts():
     assert len(found) == len(cells) == 12
     for place in (0, 5, 11):
         episodes = evaluator.evaluate(test_of(cells[place]), {}, 3, 6)
-        assert found[place] == conditions.outcome(episodes, HORIZONS)
+        assert found[place] == grid_cells.outcome(episodes, HORIZONS)
     rest = [o for part in condition_drives.run(test_of, {}, 3, 6, SMALL, done=6) for o in part]
     assert rest == found[6:]

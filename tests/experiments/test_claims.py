@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from lanewise.evaluation import metrics
 from lanewise.evaluation.episodes import Recording
 from lanewise.experiments import claims, reporting
 from lanewise.experiments.claims import Seed
@@ -31,13 +32,14 @@ def training(success, reward=1.0, speed=10.0, noise=0.0):
 def outcomes(success, accidents, count=100, reward=0.0):
     """Tests in which those that had an accident are the last; whoever succeeds escaped at 9 s."""
     number = np.arange(count)
-    return replace(
+    episodes = replace(
         made_up_episodes(0, count),
         success=number < success,
         accident=(number >= count - accidents).astype(np.int8),
         accumulated_reward=np.full(count, reward),
         escape_time=np.where(number < success, 9.0, np.nan),
     )
+    return metrics.summarise(episodes, controller="any", world="lanewise").values
 
 
 def recording(speed, reward, gap):
@@ -146,7 +148,7 @@ def test_claims_hold_up_to_their_limits():
 
 def test_an_escape_counts_whatever_happens_later():
     """The paper's success has no clause about accidents: in tests, and in training if recorded."""
-    crashed = replace(outcomes(98, 98), success=np.zeros(100, bool))
+    crashed = outcomes(98, 98) | {"success_rate": 0.0}
     claim = found("escapes", **ours(test=crashed))
     assert claim.verdict == "holds"
     assert claim.figures == "hierarchical 98.0 % (98.0 to 98.0), single-level 0.0 % (0.0 to 0.0)"

@@ -71,10 +71,7 @@ def test_the_papers_size():
             HEAD + LENT + LENDER + '[arms.b.settings]\n"goals.time_limit" = 5.0\n',
             "arm a: b was made with other goals or driving settings",
         ),
-        (
-            HEAD + ARM + '[arms.a.settings]\n"goals.speed_stp" = 1.0\n',
-            "did you mean goals.speed_step",
-        ),
+        (HEAD + ARM + '[arms.a.settings]\n"goals.speed_stp" = 1.0\n', "mean goals.speed_step"),
         (HEAD + ARM.replace("arms.a", 'arms."../a"'), "a name holds letters, digits and dashes"),
     ],
 )

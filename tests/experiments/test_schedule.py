@@ -15,12 +15,12 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from small_runs import moved
 
 from lanewise.errors import RunError
 from lanewise.experiments import experiment, schedule
 from lanewise.experiments import jobs as jobs_module
 from lanewise.runs import run_state
-from lanewise.runs.run_folder import RunFolder
 from lanewise.system import folder_io
 from lanewise.system.folder_io import OpenFolder
 from lanewise.system.progress import Progress
@@ -75,17 +75,6 @@ def test_none_begins_before_the_one_it_borrows_from(tiny, tmp_path, monkeypatch)
     assert len(order) == 5
     for seed in (5, 6):
         assert order.index(f"planned, seed {seed}") < order.index(f"hierarchical, seed {seed}")
-
-
-def test_other_settings_are_refused_before_any_work(tiny):
-    found, jobs = tiny
-    made = jobs[2]
-    RunFolder.create(made.path, made.settings, made.controller, made.seed).close()
-    changed = jobs_module.of_experiment(
-        found, jobs[2].path.parents[2], 5, "trap-10", TINY | {"goals.time_limit": 4.0}
-    )
-    with pytest.raises(RunError, match=r"goals\.time_limit is 3"):
-        jobs_module.check(changed[2])
 
 
 def test_an_interrupted_run_that_took_over_step_1_goes_on_without_it(tiny, tmp_path, monkeypatch):
@@ -243,10 +232,6 @@ def test_a_reference_driver_is_tested_once_and_never_otherwise(tiny, tmp_path, m
     jobs_module.check(more)
     with pytest.raises(RunError, match=r"other settings: there scenario\.trap_speed is 10\.0"):
         jobs_module.check(replace(job, settings=replace(job.settings, scenario=scenario)))
-
-
-def moved(out):
-    out.rename(out.with_name("elsewhere"))
 
 
 def replaced(out):

@@ -15,6 +15,7 @@ from parity_states import fit, paper_traffic
 import parity
 from lanewise.interop.highway_env import build_env, read_world
 
+pytestmark = pytest.mark.usefixtures("float64")
 ROOM, LANES = parity.RUN_ROOM, 8
 """One compiled size for most tests here."""
 

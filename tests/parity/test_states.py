@@ -3,6 +3,7 @@ import pytest
 from parity_compare import STATE_TOLERANCE, agree, compare_states
 from parity_states import SIZES, random_state
 
+pytestmark = pytest.mark.usefixtures("float64")
 STATES = 80
 """Of each size and frequency: one batch shape a size, compiled once."""
 

@@ -112,9 +112,8 @@ def test_an_encoder_that_fails_is_one_line(tmp_path, monkeypatch):
 
 
 def test_other_suffixes_are_refused_at_once(tmp_path):
-    for name in ("c.avi", "c", "c.gif.png"):
-        with pytest.raises(LanewiseError, match=r"\.gif or \.mp4"):
-            clip.render(RECORDING, tmp_path / name)
+    with pytest.raises(LanewiseError, match=r"must end in \.gif or \.mp4"):
+        clip.render(RECORDING, tmp_path / "c.gif.png")
     assert not list(tmp_path.iterdir())
 
 

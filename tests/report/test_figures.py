@@ -14,7 +14,8 @@ from PIL import Image
 
 from fabricate import FLAT, OURS, make_arm, make_recording, make_rows, make_sweep, make_training
 from lanewise.errors import LanewiseError
-from lanewise.evaluation.grid import Grid, fold, pool
+from lanewise.evaluation.cells import fold, pool
+from lanewise.evaluation.grid import Grid
 from lanewise.report import (
     figure_style,
     film_strip,
@@ -26,6 +27,7 @@ from lanewise.report import (
     training_curves,
 )
 from lanewise.report.figure_style import STYLES
+from lanewise.report.sweep_result import figure_of
 
 RECORDING = make_recording()
 CRASHED = make_recording(accident=1, seconds=12.0)
@@ -371,14 +373,14 @@ def test_every_seed_is_a_dot_and_the_mean_a_line():
 def test_every_field_shows_its_share_of_winnable_starts():
     panels = [axes for axes in sweep_map.draw(CELLS, sweep_map.MapAxes()).axes if axes.patches]
     assert len(panels) == 4
-    for row, outcome in ((0, "success"), (1, "accident")):
+    for row, outcome in ((0, "successes"), (1, "accidents")):
         for column, lanes in enumerate((3, 4)):
             axes = panels[2 * row + column]
-            cells = [cell for cell in CELLS if cell.point.lanes == lanes]
+            cells = [cell for cell in CELLS if cell.place.lanes == lanes]
             groups = fold(cells, "ego_speed", "trap_speed").values()
-            shares = [share for own in groups if (share := pool(own, "winnable")).episodes]
+            shares = [share for own in groups if (share := pool(own, 0, "winnable")).episodes]
             shown = [text.get_text() for text in axes.texts]
-            wanted = [sweep_map.figure_of(100.0 * share.rate(outcome)) for share in shares]
+            wanted = [figure_of(100.0 * share.rate(outcome)) for share in shares]
             assert [text for text in shown if "/" not in text] == wanted
             # At 13 m/s: none of two starts behind 8 m/s, one of two behind 9 m/s can be won.
             assert [text for text in shown if "/" in text] == ["1/2"]
@@ -386,5 +388,5 @@ def test_every_field_shows_its_share_of_winnable_starts():
 
 
 def test_only_all_and_nothing_are_written_as_such():
-    found = [sweep_map.figure_of(percent) for percent in (0.0, 100.0, 99.97, 0.02)]
+    found = [figure_of(percent) for percent in (0.0, 100.0, 99.97, 0.02)]
     assert found == ["0", "100", "99.9", "0.1"]

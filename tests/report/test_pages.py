@@ -171,17 +171,18 @@ def drawn(monkeypatch):
 
 def test_a_sweep_on_disk(tmp_path, drawn):
     sweep = make_sweep(Grid((8.0, 13.0), (8.0, 9.0), (3,), (14.8, 16.44), (4.06,), (17.0, 25.0)))
-    page = sweep_page.write_sweep(tmp_path, sweep)
+    page = sweep_page.write(tmp_path, sweep)
     assert drawn == list(sweep_page.MAPS)
     document = json.loads((tmp_path / "map.json").read_text())
-    rows = [dict(zip(document["columns"], row, strict=True)) for row in document["starts"]]
-    assert [row["successes"] for row in rows] == [cell.outcome.successes for cell in sweep.cells]
-    assert [row["spacing"] for row in rows] == [cell.point.spacing for cell in sweep.cells]
-    assert document["totals"]["all"]["starts"] == 16
-    assert document["totals"]["all"]["escapes"] == sum(c.outcome.escapes for c in sweep.cells)
+    rows = [dict(zip(document["columns"], row, strict=True)) for row in document["cells"]]
+    assert [[row["successes_25"]] for row in rows] == [c.outcome.successes for c in sweep.cells]
+    assert [row["spacing"] for row in rows] == [cell.place.spacing for cell in sweep.cells]
+    totals = document["totals"]["25"]
+    assert totals["all"]["cells"] == 16
+    assert totals["all"]["escapes"] == sum(c.outcome.escapes[0] for c in sweep.cells)
     # 13 behind 8: none of 4; 13 behind 9: the two with the longer D1, without clearance.
-    assert document["totals"]["winnable"]["starts"] == 10
-    assert document["totals"]["winnable_with_clearance"]["starts"] == 8
+    assert totals["winnable"]["cells"] == 10
+    assert totals["winnable_with_clearance"]["cells"] == 8
     assert document["axes"]["spacing"] == [17.0, 25.0]
     assert document["trained_by"] == sweep.trained_by
     assert document["settings"]["scenario.trap_speed"] == 10.0
@@ -193,5 +194,5 @@ def test_a_sweep_on_disk(tmp_path, drawn):
 
 
 def test_a_map_of_one_traffic_has_no_panel_for_it(tmp_path, drawn):
-    sweep_page.write_sweep(tmp_path, make_sweep(Grid((8.0,), (8.0,), (3,), (14.8,), (4.06, 5.0))))
+    sweep_page.write(tmp_path, make_sweep(Grid((8.0,), (8.0,), (3,), (14.8,), (4.06, 5.0))))
     assert drawn == ["map", "map-distances"]

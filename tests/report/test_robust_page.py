@@ -9,10 +9,11 @@ import pytest
 from fabricate import make_robust
 from lanewise.cli import watch_command
 from lanewise.cli.command_line import parse
-from lanewise.evaluation.conditions import HORIZONS, JUDGED, KINDS, ConditionGrid
+from lanewise.evaluation.cells import KINDS
+from lanewise.evaluation.conditions import HORIZONS, JUDGED, ConditionGrid
 from lanewise.evaluation.statistics import clopper_pearson
 from lanewise.report import robust_map, robust_page, robust_tables
-from lanewise.report.sweep_map import figure_of
+from lanewise.report.sweep_result import figure_of
 
 GRID = ConditionGrid(
     population=("paper", "timid", "highd"),
@@ -29,7 +30,7 @@ RESULT = make_robust(GRID)
 def written(tmp_path_factory):
     """(the document, the page) of a result on disk."""
     folder = tmp_path_factory.mktemp("robust")
-    page = robust_page.write_robust(folder, RESULT)
+    page = robust_page.write(folder, RESULT)
     names = sorted(path.name for path in folder.iterdir())
     assert names == ["robust.json", "robust.md", "robust.png", "robust.svg"]
     return json.loads((folder / "robust.json").read_text()), page.read_text()
@@ -39,11 +40,15 @@ def test_the_rows_hold_every_cell_and_the_totals_add_them_up(written):
     document, _ = written
     rows = [dict(zip(document["columns"], row, strict=True)) for row in document["cells"]]
     assert len(rows) == (1 + 3 * 2) * 4 * 2
-    assert sum(row["winnable"] for row in rows) == len(rows) / 4
-    for sort in ("seen in training", "held out", "no traffic", "all"):
-        own = [row for row in rows if sort in (row["sort"], "all")]
+    assert sum(row["winnable"] is True for row in rows) == len(rows) / 4
+    assert all((row["winnable"] is None) == (row["lanes"] == 2) for row in rows)
+    sorts = {"nobody": "no traffic", "paper": "seen in training"}
+    by_sort = document["totals_by_sort"]
+    assert set(by_sort) == {"seen in training", "held out", "no traffic"}
+    for sort, totals in [*by_sort.items(), ("all", document["totals"])]:
+        own = [r for r in rows if sort in (sorts.get(r["population"], "held out"), "all")]
         for seconds in HORIZONS:
-            total = document["totals"][sort][str(seconds)]
+            total = totals[str(seconds)]
             hits = sum(row[f"{kind}_{seconds}"] for row in own for kind in KINDS)
             assert total["all"]["accidents"] == hits == sum(total["all"]["kinds"].values())
             assert total["all"]["accidents_interval"] == pytest.approx(
@@ -54,9 +59,9 @@ def test_the_rows_hold_every_cell_and_the_totals_add_them_up(written):
     by_population = document["totals_by_population"]
     assert (
         sum(by_population[name]["60"]["all"]["accidents"] for name in by_population)
-        == (document["totals"]["all"]["60"]["all"]["accidents"])
+        == (document["totals"]["60"]["all"]["accidents"])
     )
-    assert {row["sort"] for row in rows if row["population"] == "timid"} == {"held out"}
+    assert document["seen_in_training"] == ["paper"]
     assert document["horizons"] == list(HORIZONS)
     assert document["trained_by"] == RESULT.trained_by
 
@@ -85,7 +90,7 @@ def test_the_tables_hold_the_pooled_shares(written):
     assert lanes["2"][-1] == "-"  # in two lanes nothing can be won
     kinds = rows_of(page, "## Accidents by kind")
     assert kinds[-1][0] == "any"
-    rate = document["totals"]["all"]["60"]["all"]["accidents_rate"]
+    rate = document["totals"]["60"]["all"]["accidents_rate"]
     assert kinds[-1][2] == figure_of(100.0 * rate)
 
 
@@ -100,7 +105,7 @@ def test_the_worst_cells_come_first_and_can_be_watched(written):
         words = shlex.split(line)
         assert words[:3] == ["lanewise", "watch", "runs/h0"]
         watch = parse(watch_command.Watch, words[2:]).command
-        own = {n: v for n, v in cell.condition.settings.items() if v != RESULT.settings[n]}
+        own = {n: v for n, v in cell.place.settings.items() if v != RESULT.settings[n]}
         assert watch.test == own | {"evaluation.duration": HORIZONS[JUDGED]}
         assert (watch.episode, watch.seed) == (3, RESULT.seed)
 
@@ -118,7 +123,7 @@ def test_the_map_shows_every_field_once():
         rows = [label.get_text() for label in axes.get_yticklabels()]
         assert rows == ["paper (seen)", "timid", "highd"]
     accidents = [text.get_text() for text in maps[0].texts][:fields]
-    cells = [c for c in RESULT.cells if c.condition.population == "highd"]
+    cells = [c for c in RESULT.cells if c.place.population == "highd"]
     hits = sum(cell.outcome.at(JUDGED).accidents for cell in cells)
     assert accidents[-1] == figure_of(100.0 * (hits / (20 * len(cells))))
     assert [text.get_text() for text in maps[1].texts][:fields].count("-") == 1 + 3 * 2
@@ -133,5 +138,5 @@ def test_the_map_shows_every_field_once():
 )
 def test_small_grids_have_a_page_too(grid, tmp_path, monkeypatch):
     monkeypatch.setattr(robust_page, "save", lambda figure, path: None)
-    page = robust_page.write_robust(tmp_path, make_robust(grid)).read_text()
+    page = robust_page.write(tmp_path, make_robust(grid)).read_text()
     assert "## Accidents by kind" in page

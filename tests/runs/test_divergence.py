@@ -8,9 +8,8 @@ import pytest
 import small_runs
 
 import lanewise
-from lanewise.cli.main import main
 from lanewise.errors import NumbersError, RunError
-from lanewise.runs import checkpoint, divergence, metrics_file, training_loop
+from lanewise.runs import checkpoint, divergence, metrics_file
 from lanewise.training.finite_checks import Finding
 
 FLAGS = small_runs.flags(chunks=5)
@@ -91,17 +90,6 @@ def test_a_loss_that_overflows(tmp_path):
     assert not np.isfinite(first.loss["high_level"])
     np.testing.assert_allclose(np.abs(first.reward), 1e30, rtol=1e-3)
     assert {one["what"] for one in about["found"]} <= {"loss", "weights"}
-
-
-def test_the_command_line_says_it_in_two_lines(tmp_path, monkeypatch, capsys):
-    def failing(*_, **__):
-        raise NumbersError("step-1, chunk 3: a reward is not finite\n  mend it")
-
-    monkeypatch.setattr(training_loop, "train", failing)
-    assert main(["train", "single-level", "--out", str(tmp_path / "run")]) == 2
-    said = capsys.readouterr().err
-    assert "lanewise: error: step-1, chunk 3: a reward is not finite\n  mend it\n" in said
-    assert "Traceback" not in said
 
 
 def test_nothing_to_see_where_nothing_went_wrong(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 from lanewise.errors import RunError
 from lanewise.evaluation import evaluator
 from lanewise.runs import pretrained, trained
-from lanewise.training import recipe, selection
+from lanewise.training import recipe
 
 NAMES = ("driver", "hierarchical", "single-level")
 
@@ -43,21 +43,6 @@ def test_they_drive_as_they_did_when_they_were_made(name):
     assert np.mean(found.accumulated_reward) == pytest.approx(
         stored["accumulated_reward"], rel=0.02
     )
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_they_were_chosen_on_validation_starts(name):
-    def score(figures):
-        names = ("success_rate", "accident_rate", "reward")
-        return selection.weighed(*(figures[f"validation_{name}"] for name in names))
-
-    story = provenance(name)
-    candidates = story["candidates"]
-    ordered = sorted(candidates, key=lambda seed: score(candidates[seed]))
-    assert len(ordered) == 5
-    chosen = ordered[{"best": -1, "median": 2}[story.get("chosen", "best")]]
-    assert chosen == f"seed-{story['seed']}"
-    assert candidates[chosen] == list(story["validation"].values())[-1]
 
 
 def test_references_are_called_by_name():

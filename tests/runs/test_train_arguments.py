@@ -3,6 +3,7 @@
 import os
 
 import pytest
+import small_runs
 
 import lanewise
 from lanewise import TaskFunctions, api, config
@@ -114,11 +115,7 @@ def reward_of_mine(settings, world, steering, ended):
 )
 def test_an_interruption_says_how_to_go_on(tmp_path, monkeypatch, capsys, name, given, again):
     """Also where all else is quiet, and below the traceback that the caller's handler may show."""
-
-    def stopped(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(api.training_loop, "train", stopped)
+    monkeypatch.setattr(api.training_loop, "train", small_runs.stop)
     monkeypatch.setattr(TrainingPlan, "trace", lambda plan: 26)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(KeyboardInterrupt) as caught:

@@ -7,7 +7,7 @@ from functools import partial
 
 import pytest
 import small_runs
-from small_runs import Quiet, results, resume
+from small_runs import Quiet, moved, results, resume
 
 from lanewise.cli.main import main
 from lanewise.controllers.registry import STEP_2
@@ -161,27 +161,15 @@ def test_a_high_level_is_taken_over_and_the_run_resumes_without_it(whole, tmp_pa
     assert results(straight) != results(whole)
 
 
-def removed(path):
-    shutil.rmtree(path)
-
-
-def moved(path):
-    path.rename(path.with_name("elsewhere"))
-
-
 def replaced(path):
     """Another run is trained there up to its first checkpoint."""
-
-    def stop():
-        raise KeyboardInterrupt
-
-    removed(path)
+    shutil.rmtree(path)
     with create(path, seed=5) as folder, pytest.raises(KeyboardInterrupt):
-        small_runs.train(folder, Quiet(("step-1", 2), stop))
+        small_runs.train(folder, Quiet(("step-1", 2), small_runs.stop))
     assert list(folder.checkpoints.glob("*.json"))
 
 
-@pytest.mark.parametrize("change", [removed, moved, replaced])
+@pytest.mark.parametrize("change", [shutil.rmtree, moved, replaced])
 def test_a_training_writes_into_no_other_folder_than_its_own(tmp_path, change):
     path, left = tmp_path / "runs" / "run", {}
 

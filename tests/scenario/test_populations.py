@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from highway_env.vehicle.behavior import IDMVehicle
-from highway_env.vehicle.kinematics import Vehicle
 
 from lanewise import config
 from lanewise.driving import episode, percept
@@ -21,7 +20,12 @@ from lanewise.scenario import drivers, trap
 from lanewise.scenario.populations import POPULATIONS
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
 from lanewise.world import bicycle, build, steering, tick
-from lanewise.world.settings import AGGRESSIVE_DRIVER, PAPER_DRIVER, DriverSettings
+from lanewise.world.settings import (
+    AGGRESSIVE_DRIVER,
+    HIGHWAY_ENV_DRIVER,
+    PAPER_DRIVER,
+    DriverSettings,
+)
 from lanewise.world.state import CONSTANT, RULE_BASED
 
 COUNT, SPEED = 4000, 14.0
@@ -64,20 +68,9 @@ def test_the_paper_s_population_is_the_paper_s_drivers():
 
 
 def test_highway_env_s_population_is_its_class():
-    driver = POPULATIONS["highway-env"].driver
-    assert driver.comfort_acceleration == IDMVehicle.COMFORT_ACC_MAX
-    assert driver.comfort_deceleration == -IDMVehicle.COMFORT_ACC_MIN
-    assert driver.jam_distance == IDMVehicle.DISTANCE_WANTED
-    assert driver.time_gap == IDMVehicle.TIME_WANTED
-    assert driver.exponent == IDMVehicle.DELTA
-    assert driver.politeness == IDMVehicle.POLITENESS
-    assert driver.minimum_gain == IDMVehicle.LANE_CHANGE_MIN_ACC_GAIN
-    assert driver.imposed_braking == IDMVehicle.LANE_CHANGE_MAX_BRAKING_IMPOSED
-    assert driver.change_delay == IDMVehicle.LANE_CHANGE_DELAY
-    assert driver.acceleration_limit == IDMVehicle.ACC_MAX
-    assert driver.steering_limit == IDMVehicle.MAX_STEERING_ANGLE
-    assert POPULATIONS["highway-env"].ranges["exponent"] == tuple(IDMVehicle.DELTA_RANGE)
-    assert Vehicle.LENGTH == 5.0
+    population = POPULATIONS["highway-env"]
+    assert population.driver is HIGHWAY_ENV_DRIVER
+    assert population.ranges["exponent"] == tuple(IDMVehicle.DELTA_RANGE)
 
 
 def test_all_populations_are_equally_likely():
@@ -196,22 +189,22 @@ def test_in_training_the_latency_is_drawn_anew_for_each_decision():
     np.testing.assert_allclose(np.bincount(late) / 600, [0, 1 / 3, 1 / 3, 1 / 3], atol=0.07)
 
 
+def features(settings, worlds, training=False):
+    perceive = partial(percept.perceive, settings, training=training)
+    return jax.jit(jax.vmap(lambda world: perceive(world).features))(worlds)
+
+
 def test_noise_is_normal_the_same_for_the_same_world_and_new_after_a_tick():
     clean, noisy = (ObservationSettings(noise=size) for size in (0.0, 0.1))
     _, worlds = drive(TrapSettings(), 50)
-    seen = jax.jit(jax.vmap(lambda world: percept.perceive(noisy, world).features))(worlds)
-    plain = jax.jit(jax.vmap(lambda world: percept.perceive(clean, world).features))(worlds)
-    again = jax.jit(jax.vmap(lambda world: percept.perceive(noisy, world).features))(worlds)
-    np.testing.assert_array_equal(seen, again)
+    seen, plain = features(noisy, worlds), features(clean, worlds)
+    np.testing.assert_array_equal(seen, features(noisy, worlds))
     error = np.asarray(seen - plain)
     assert error.std() == pytest.approx(0.1, rel=0.05)
     assert abs(error.mean()) < 0.01
     assert np.abs(np.corrcoef(error) - np.eye(50)).max() < 0.75
     varied = ObservationSettings(training_noise=(0.0, 0.2))
-    training = jax.jit(
-        jax.vmap(lambda world: percept.perceive(varied, world, training=True).features)
-    )(worlds)
-    sizes = np.asarray(training - plain).std(axis=1)
+    sizes = np.asarray(features(varied, worlds, training=True) - plain).std(axis=1)
     assert sizes.min() < 0.03
     assert 0.15 < sizes.max() < 0.3
     assert sizes.mean() == pytest.approx(0.1, abs=0.02)

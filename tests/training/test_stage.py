@@ -1,4 +1,4 @@
-"""The compiled chunk of one small stage: what it counts, draws, hands on, and finds not finite."""
+"""The compiled chunk of one small stage: what it counts, draws, keeps, and finds not finite."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -9,17 +9,21 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from lanewise.bench import workloads
 from lanewise.controllers.single_level import SingleLevel
 from lanewise.driving import episode
 from lanewise.driving.settings import DrivingSettings
+from lanewise.evaluation import evaluator
+from lanewise.evaluation.settings import EvaluationSettings
 from lanewise.learning import replay
 from lanewise.learning.replay import Replay, Transition
 from lanewise.learning.settings import ExplorationSettings, LearnerSettings
 from lanewise.scenario.settings import TrafficSettings, TrapSettings
-from lanewise.training import finite_checks, stage
+from lanewise.training import finite_checks, stage, trainer
 from lanewise.training.finite_checks import ChunkFinite, Finding
 from lanewise.training.rollout import StageConfig
 from lanewise.training.settings import StageSettings
+from lanewise.training.trainer import StagePlan
 
 SETTINGS = StageSettings(
     worlds=4,
@@ -210,23 +214,17 @@ def findings_in(name, at, value):
     return finite_checks.findings(jax.device_get(metrics.finite))
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf], ids=str)
-def test_what_is_seen_and_paid_is_found_with_its_world(value):
-    for what, name, at in (
-        ("observation", "percept/features", (2, 5)),
-        ("reward", "episode/stats/reward", 2),
-    ):
-        first = findings_in(f"rollouts/{name}", at, value)[0]
-        assert first == Finding(what, iteration=0, world=2)
-
-
 @pytest.mark.parametrize(
-    ("name", "at", "value"), [("online/0/0", (3, 1), np.nan), ("target/1/1", 2, -np.inf)]
+    ("name", "at", "value", "found"),
+    [
+        ("rollouts/percept/features", (2, 5), np.nan, Finding("observation", "", 0, 2)),
+        ("rollouts/episode/stats/reward", 2, np.inf, Finding("reward", "", 0, 2)),
+        (f"learners/{LEVEL}/online/0/0", (3, 1), np.nan, Finding("weights", LEVEL)),
+        (f"learners/{LEVEL}/target/1/1", 2, -np.inf, Finding("weights", LEVEL)),
+    ],
 )
-def test_weights_and_what_they_spoil_are_found(name, at, value):
-    found = {(one.what, one.level) for one in findings_in(f"learners/{LEVEL}/{name}", at, value)}
-    assert ("weights", LEVEL) in found
-    assert {what for what, _ in found} <= {"loss", "weights"}
+def test_what_is_not_finite_is_found(name, at, value, found):
+    assert found in findings_in(name, at, value)
 
 
 def test_a_bad_transition_reaches_the_loss():
@@ -260,26 +258,65 @@ def test_of_the_replay_every_row_of_the_chunk_is_looked_at_and_no_older_one(posi
 
 
 def test_causes_come_first():
-    def table(*bad):
-        values = np.ones((4, 2), bool)
-        for at in bad:
-            values[at] = False
-        return values
-
     found = ChunkFinite(
-        observation=table((2, 1), (3, 0)),
-        reward=table((1, 0), (2, 1)),
+        observation=np.array([[1, 1], [1, 1], [1, 0], [1, 1]], bool),
+        reward=np.array([[1, 1], [0, 1], [1, 1], [1, 1]], bool),
         vehicles=np.array([True, False]),
-        transitions={"high": np.True_, "low": np.False_},
-        loss={"high": np.array([1, 1, 1, 0], bool), "low": np.array([1, 0, 0, 0], bool)},
-        weights={"high": np.False_, "low": np.True_},
+        transitions={"q": np.True_},
+        loss={"q": np.array([1, 1, 1, 0], bool)},
+        weights={"q": np.True_},
     )
     assert finite_checks.findings(found) == [
         Finding("reward", iteration=1, world=0),
         Finding("observation", iteration=2, world=1),
         Finding("vehicles", world=1),
-        Finding("transitions", "low"),
-        Finding("loss", "low", iteration=1),
-        Finding("loss", "high", iteration=3),
-        Finding("weights", "high"),
+        Finding("loss", "q", iteration=3),
     ]
+
+
+@pytest.mark.slow
+def test_the_replay_is_never_copied():
+    """A chunk has no room for a second one."""
+    large = replace(SETTINGS, learner=replace(SETTINGS.learner, replay_capacity=200_000))
+    config = replace(COURSE, learning=((LEVEL, large),))
+    state = jax.eval_shape(lambda: stage.begin(config, {}, jax.random.key(0)))
+    program = stage.advance.__wrapped__.lower(config, {}, state).compile()
+    rows = state.replays[LEVEL].rows
+    assert program.memory_analysis().temp_size_in_bytes < rows.size * 4 / 10
+
+
+@pytest.mark.slow
+def test_each_entry_point_is_compiled_once():
+    """Chunk after chunk, with validations: as many programs after the last as after the first."""
+    validation = evaluator.EvaluationConfig(
+        COURSE.scenario, COURSE.driving, COURSE.controller, 3, "validation"
+    )
+    tests = EvaluationSettings(validation_episodes=150, validation_interval=1)
+    plan = StagePlan("one", COURSE, validation, tests)
+    entries = (stage.begin, stage.advance, evaluator.drive_block)
+    progress = trainer.begin(plan, {}, jax.random.key(3))
+    progress, _ = trainer.advance(plan, {}, progress)
+    after_one = [entry.__wrapped__._cache_size() for entry in entries]
+    for _ in range(2):
+        progress, _ = trainer.advance(plan, {}, progress)
+    assert [entry.__wrapped__._cache_size() for entry in entries] == after_one
+    assert progress.counters.chunks == 3
+
+
+@pytest.mark.slow
+def test_seeds_together_are_the_seeds_alone():
+    """Many seeds in one compiled loop train as each alone."""
+    keys = jax.random.split(jax.random.key(5), 3)
+    states, advance = workloads.in_one_loop(COURSE, keys)
+    states, metrics = advance(states)
+    rewards = []
+    for number, key in enumerate(keys):
+        alone, one = stage.advance(COURSE, {}, stage.begin(COURSE, {}, key))
+        of_it = jax.tree.map(lambda leaf, number=number: leaf[number], metrics)
+        np.testing.assert_array_equal(of_it.episodes.outcome.over, one.episodes.outcome.over)
+        np.testing.assert_allclose(of_it.episodes.reward, one.episodes.reward, atol=1e-4)
+        updates = states.learners["single_level"].updates
+        assert int(updates[number]) == int(alone.learners["single_level"].updates) > 0
+        rewards.append(np.asarray(one.episodes.reward).tobytes())
+    assert len(set(rewards)) == len(keys)
+    assert int(states.iteration) == stage.CHUNK

@@ -40,13 +40,8 @@ from lanewise.world.settings import (
 from lanewise.world.state import Drivers
 from small_worlds import after, change, fit, make_world, single, taken
 
+pytestmark = pytest.mark.usefixtures("float64")
 COUNT, SIDES = 12, (-1, 1)
-
-
-@pytest.fixture(autouse=True)
-def float64():
-    with jax.enable_x64(True):
-        yield
 
 
 @jax.jit
@@ -387,11 +382,6 @@ def test_sets_across_words(count):
     np.testing.assert_array_equal(left, np.where(limit < count, limit, -1))
     np.testing.assert_array_equal(above, limit - 1)
     np.testing.assert_array_equal(last[1:], limit[:-1])
-
-
-def test_settings_reach_the_driver():
-    drivers = build.make_drivers([DriverSettings(time_gap=0.9)] * 3, [2] * 3)
-    assert drivers.time_gap.tolist() == [np.float32(0.9)] * 3
 
 
 def test_added_vehicles_are_absent():

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lanewise.bench.suite import Benchmark, Measurement
-from lanewise.errors import LanewiseError, RunError
+from lanewise.errors import LanewiseError
 from lanewise.system.progress import Progress
 
 
@@ -35,9 +35,7 @@ def check_out(out: Path | None) -> None:
     from lanewise.report import output_files
 
     if out is not None:
-        output_files.check_writable(out)
-        if out.exists():
-            raise RunError(f"{out} exists; choose another file")
+        output_files.check_writable(out, new=True)
 
 
 def run(

@@ -1,27 +1,24 @@
 """What a sweep has done so far, in memory and in a file that is written anew with every result."""
 
-import json
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from lanewise.errors import RunError
-from lanewise.evaluation.grid import Reach
+from lanewise.evaluation.cells import CellOutcome, Reach
 from lanewise.runs.run_folder import require_outside
 from lanewise.system import folder_io, safe_io
 from lanewise.system.folder_io import PARTIAL, OpenFolder, write_atomically
 
 FORMAT, VERSION = "lanewise-sweep", 1
 _LARGEST = 1_000_000_000
-OutcomeType = TypeVar("OutcomeType")
-"""What is known of a start once it was driven: a dataclass of JSON's types."""
 
 
 @dataclass
-class Journal(Generic[OutcomeType]):
+class Journal:
     """What is done so far."""
 
     folder: OpenFolder
@@ -31,9 +28,9 @@ class Journal(Generic[OutcomeType]):
     identity: dict[str, Any]
     """What must be the same for it to be continued."""
     reached: list[Reach] = field(default_factory=list)
-    outcomes: list[OutcomeType] = field(default_factory=list)
+    outcomes: list[CellOutcome] = field(default_factory=list)
 
-    def add(self, found: list[Reach] | list[OutcomeType]) -> None:
+    def add(self, found: list[Reach] | list[CellOutcome]) -> None:
         """Keep some results; a kill loses only what comes after."""
         for result in found:
             kept: list[Any] = self.reached if isinstance(result, Reach) else self.outcomes
@@ -42,17 +39,13 @@ class Journal(Generic[OutcomeType]):
 
     def save(self) -> None:
         """Write the file."""
-        reached: list[Any] = self.reached
-        outcomes: list[Any] = self.outcomes
         done = {
-            "format": FORMAT,
-            "version": VERSION,
             "sweep": self.identity,
-            "reached": list(map(asdict, reached)),
-            "outcomes": list(map(asdict, outcomes)),
+            "reached": list(map(asdict, self.reached)),
+            "outcomes": list(map(asdict, self.outcomes)),
         }
-        text = json.dumps(done | {"digest": safe_io.digest(done)}) + "\n"
-        write_atomically(self.folder, {self.name: text.encode()})
+        text = safe_io.document(FORMAT, VERSION, done)
+        write_atomically(self.folder, {self.name: text})
 
     def publish(self, write: Callable[[str], Path]) -> Path:
         """Move what ``write`` writes into a folder into the journal's, and delete the journal.
@@ -66,23 +59,17 @@ class Journal(Generic[OutcomeType]):
         return self.folder.path / page
 
 
-def open_(
-    path: Path, identity: dict[str, Any], outcome: Callable[..., OutcomeType]
-) -> Journal[OutcomeType]:
+def open_(path: Path, identity: dict[str, Any]) -> Journal:
     """The journal of a sweep in a file, continued if it has this ``identity``, or begun.
-
-    ``outcome`` is the class of the outcomes.
 
     Raises:
         RunError: the folder is in use or holds something else, or the journal is damaged.
     """
-    journal: Journal[OutcomeType] = Journal(
-        folder_io.lock(path.parent, "sweeping"), path.name, identity
-    )
+    journal = Journal(folder_io.lock(path.parent, "sweeping"), path.name, identity)
     try:
         # The command has looked already; another process may have begun before the lock was had.
         if check_place(path):
-            journal.reached, journal.outcomes = read(path, identity, outcome)
+            journal.reached, journal.outcomes = read(path, identity)
         else:
             journal.save()
     except BaseException:
@@ -104,9 +91,7 @@ def check_place(path: Path) -> bool:
     return False
 
 
-def read(
-    path: Path, identity: dict[str, Any], outcome: Callable[..., OutcomeType]
-) -> tuple[list[Reach], list[OutcomeType]]:
+def read(path: Path, identity: dict[str, Any]) -> tuple[list[Reach], list[CellOutcome]]:
     """The results in a journal; changes nothing.
 
     Raises:
@@ -121,4 +106,4 @@ def read(
             f"{path.parent} holds another sweep: continue with its options, or choose another"
         )
     reached = [Reach(**each) for each in done["reached"]]
-    return reached, [outcome(**each) for each in done["outcomes"]]
+    return reached, [CellOutcome(**each) for each in done["outcomes"]]

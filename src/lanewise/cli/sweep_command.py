@@ -1,21 +1,24 @@
-"""``lanewise sweep``: tests a trained controller over a grid of starts and draws the map."""
+"""``lanewise sweep``: tests a trained controller over a grid and draws the map."""
 
 import hashlib
 import json
 import sys
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 from lanewise import config
 from lanewise.cli import journal as journals
 from lanewise.cli.command_line import Changes, Parsed, flag_of
 from lanewise.cli.journal import Journal
+from lanewise.cli.robust_sweep import RobustSweep
+from lanewise.cli.start_sweep import StartSweep
 from lanewise.config.settings import Settings
 from lanewise.errors import RunError, SettingsError, one_line, shell_line
-from lanewise.evaluation import grid as grids
-from lanewise.evaluation.conditions import DENSITIES, ConditionGrid
-from lanewise.evaluation.grid import Cell, Grid, PointResult
+from lanewise.evaluation.cells import CellOutcome, PlacedGrid, Reach, cells_of, check_axes
+from lanewise.evaluation.conditions import DENSITIES, ConditionGrid, seen_in_training
+from lanewise.evaluation.grid import Grid, check_searchable
 from lanewise.fields.ranges import SEEDS, Between, OneOf
 from lanewise.runs import pretrained
 from lanewise.runs.run_folder import RunFolder
@@ -89,33 +92,61 @@ class Sweep:
     """Settings of the test; one that an axis varies is that axis's only value."""
 
 
+class SweptGrid(Protocol):
+    """What the command asks of a grid."""
+
+    page: str
+    """Name of the file that is written last."""
+    episodes: int
+    """Of each cell."""
+
+    @property
+    def grid(self) -> PlacedGrid[Any]:
+        """Its axes and cells."""
+
+    def check(self, settings: Settings) -> None:
+        """Refuse cells that no test with these settings can have."""
+
+    def horizons(self, settings: Settings) -> tuple[int, ...]:
+        """Times at which a test with these settings is judged, s."""
+
+    def reach(self, controller: "Trained", known: Sequence[str]) -> Iterator[Reach]:
+        """Which starts can be won, but for those whose escapes are known."""
+
+    def drive(self, controller: "Trained", done: int) -> Iterator[list[CellOutcome]]:
+        """The outcomes of the cells, some at a time, but for those that are done."""
+
+
+GRIDS: dict[str, Callable[[Parsed[Sweep]], SweptGrid]] = {
+    "starts": StartSweep,
+    "robust": RobustSweep,
+}
+
+
 def run(parsed: Parsed[Sweep]) -> int:
     """Tests and draws; returns the exit code."""
     command = parsed.command
     _refuse_other_axes(parsed)
-    if command.grid == "robust":
-        from lanewise.cli import robust_sweep
-
-        return robust_sweep.run(parsed)
-    grid = _grid(parsed)
+    swept = GRIDS[command.grid](parsed)
+    check_axes(vars(swept.grid))
     folder = RunFolder.open(pretrained.locate(command.run))
-    _check(grid, config.replace(folder.settings, command.test))
+    settings = config.replace(folder.settings, command.test)
+    check_searchable(settings.scenario)
+    swept.check(settings)
     extras.check()
-    if (command.out / "map.md").exists():
-        raise RunError(f"{command.out} is complete: see {command.out / 'map.md'}")
+    if (command.out / swept.page).exists():
+        raise RunError(f"{command.out} is complete: see {command.out / swept.page}")
     journals.check_place(command.out / JOURNAL)
     from lanewise.experiments import evaluate_trained
     from lanewise.runs import trained
 
     loaded = trained.load(command.run)
     controller = evaluate_trained.with_changes(loaded, command.test, tell)
-    identity = _identity(command, controller)
-    journal = journals.open_(command.out / JOURNAL, identity, PointResult)
+    journal = journals.open_(command.out / JOURNAL, _identity(command, swept, controller))
     with journal.folder:
         with Progress() as reporter:
-            _work(command, grid, controller, journal, reporter)
-        trained_on = evaluate_trained.trained_on(loaded, controller.settings)
-        _report(command, grid, folder, (controller, trained_on), journal)
+            _work(swept, controller, journal, reporter)
+        _report(command, swept, folder, (loaded, controller), journal)
     return 0
 
 
@@ -127,106 +158,74 @@ def _refuse_other_axes(parsed: Parsed[Sweep]) -> None:
             raise SettingsError(f"{flag_of(name)} is no axis of grid {grid}; leave it out")
 
 
-def _grid(parsed: Parsed[Sweep]) -> Grid:
-    """The grid, where a setting of the test gives an axis its only value."""
-    axes = {axis.name: getattr(parsed.command, axis.name) for axis in fields(Grid)}
-    for axis, setting in grids.SETTINGS.items():
-        if setting not in parsed.command.test:
-            continue
-        if axis in parsed.given:
-            raise SettingsError(
-                f"{flag_of(axis)} and {flag_of(setting)} are the same axis; give one of them"
-            )
-        axes[axis] = (parsed.command.test[setting],)
-    return Grid(**axes)
-
-
-def _check(grid: Grid, settings: Settings) -> None:
-    """Refuses an axis that names a value twice, and starts that no run could have."""
-    grids.check(grid)
-    grids.check_searchable(settings.scenario)
-    # With the most vehicles behind: whether they fit depends on the spacing.
-    crowded = {grids.SETTINGS["vehicles_behind"]: max(grid.vehicles_behind)}
-    for axis, setting in grids.SETTINGS.items():
-        for value in getattr(grid, axis):
-            try:
-                config.replace(settings, crowded | {setting: value})
-            except SettingsError as error:
-                raise SettingsError(f"--{axis.replace('_', '-')}: {error}") from error
-
-
-def _work(
-    command: Sweep,
-    grid: Grid,
-    controller: "Trained",
-    journal: Journal[PointResult],
-    reporter: Progress,
-) -> None:
-    """Does what the journal lacks."""
-    from lanewise.evaluation import sweep
-    from lanewise.experiments import evaluate_trained
-
-    points = grid.points()
-    course = sweep.config(evaluate_trained.evaluation_config(controller), grid)
-    # What can be won does not depend on traffic: one of each set of traffics suffices.
-    apart = points[:: grid.traffics]
-    done = len(journal.reached)
-    reporter.stage("what can be won", len(apart), done)
-    known = [reach.escape for reach in journal.reached]
-    for verdict in sweep.reach(course, command.clearance, apart[done:], known):
-        journal.add([verdict])
-        lost = sum(not reach.winnable for reach in journal.reached)
-        reporter.update(len(journal.reached), unwinnable=lost)
-    reporter.stage("episodes", len(points), len(journal.outcomes))
-    for found in sweep.run(
-        course, controller.parameters, command.seed, command.episodes, points, len(journal.outcomes)
-    ):
-        journal.add(found)
-        rate = sum(o.successes for o in journal.outcomes) / sum(
-            o.episodes for o in journal.outcomes
-        )
-        reporter.update(len(journal.outcomes), success_rate=rate)
-
-
-def _identity(command: Sweep, controller: "Trained") -> dict[str, Any]:
+def _identity(command: Sweep, swept: SweptGrid, controller: "Trained") -> dict[str, Any]:
     """What must be the same for a journal to be continued."""
     from lanewise.runs import checkpoint
 
-    weights = hashlib.sha256(checkpoint.pack(controller.parameters)).hexdigest()
-    others = ("run", "out", "grid", *ROBUST_ALONE)
-    asked = {name: value for name, value in vars(command).items() if name not in others}
-    plain = {"kind": "Sweep", "controller": controller.name, "weights": weights, **asked}
-    same: dict[str, Any] = json.loads(json.dumps(plain))
+    asked = {
+        "grid": command.grid,
+        "axes": vars(swept.grid),
+        "controller": controller.name,
+        "weights": hashlib.sha256(checkpoint.pack(controller.parameters)).hexdigest(),
+        "test": command.test,
+        "episodes": swept.episodes,
+        "seed": command.seed,
+        "clearance": command.clearance,
+    }
+    same: dict[str, Any] = json.loads(json.dumps(asked))
     return same
+
+
+def _work(swept: SweptGrid, controller: "Trained", journal: Journal, reporter: Progress) -> None:
+    """Does what the journal lacks."""
+    reporter.stage("what can be won", len(swept.grid.searched()), len(journal.reached))
+    for verdict in swept.reach(controller, [reach.escape for reach in journal.reached]):
+        journal.add([verdict])
+        lost = sum(not reach.winnable for reach in journal.reached)
+        reporter.update(len(journal.reached), unwinnable=lost)
+    reporter.stage("episodes", len(swept.grid.places()), len(journal.outcomes))
+    for found in swept.drive(controller, len(journal.outcomes)):
+        journal.add(found)
+        counts = [outcome.at(0) for outcome in journal.outcomes]
+        episodes = sum(each.episodes for each in counts)
+        reporter.update(
+            len(counts),
+            success_rate=sum(each.successes for each in counts) / episodes,
+            accident_rate=sum(each.accidents for each in counts) / episodes,
+        )
 
 
 def _report(
     command: Sweep,
-    grid: Grid,
+    swept: SweptGrid,
     folder: RunFolder,
-    test: "tuple[Trained, str]",
-    journal: Journal[PointResult],
+    tested: "tuple[Trained, Trained]",
+    journal: Journal,
 ) -> None:
-    """Draws the map; ``test`` is who drove, and how its training differed."""
-    from lanewise.report import sweep_page
+    """Writes the map; ``tested`` is the controller with its own settings and with the test's."""
+    from lanewise.experiments import evaluate_trained
+    from lanewise.report import robust_page, sweep_page
+    from lanewise.report.sweep_result import SweepResult
 
-    controller, trained_on = test
-    cells = [
-        Cell(point, journal.reached[index // grid.traffics], journal.outcomes[index])
-        for index, point in enumerate(grid.points())
-    ]
-    found = sweep_page.SweepResult(
+    loaded, controller = tested
+    settings = controller.settings
+    result: SweepResult[Any] = SweepResult(
         controller=controller.name,
         training_seed=folder.seed,
         trained_by=folder.source,
-        settings=config.flatten(controller.settings),
-        trained_on=trained_on,
-        grid=grid,
-        episodes=command.episodes,
+        trained_on=evaluate_trained.trained_on(loaded, settings),
+        seen=seen_in_training(loaded.settings.scenario),
+        settings=config.flatten(settings),
+        changes=command.test,
+        run=str(command.run),
+        command=shell_line("lanewise", *sys.argv[1:]),
+        episodes=swept.episodes,
         seed=command.seed,
         clearance=command.clearance,
-        command=shell_line("lanewise", *sys.argv[1:]),
-        cells=cells,
+        horizons=swept.horizons(settings),
+        axes=vars(swept.grid),
+        cells=cells_of(swept.grid, journal.reached, journal.outcomes),
     )
-    page = journal.publish(lambda drawn: sweep_page.write_sweep(drawn, found))
-    sys.stdout.write(f"{sweep_page.totals(cells)}\n\nmap: {one_line(page)}\n")
+    pages = robust_page if command.grid == "robust" else sweep_page
+    page = journal.publish(lambda drawn: pages.write(drawn, result))
+    sys.stdout.write(f"{pages.summary(result)}\n\nmap: {one_line(page)}\n")

@@ -7,7 +7,6 @@ largest: only noise and latency, which are static, and linear drivers need progr
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import jax
 import numpy as np
@@ -15,20 +14,15 @@ from numpy.typing import NDArray
 
 from lanewise.controllers.controller import Parameters
 from lanewise.evaluation import sweep
-from lanewise.evaluation.conditions import (
-    DENSITIES,
-    HORIZONS,
-    Condition,
-    ConditionGrid,
-    ConditionOutcome,
-    outcome,
-)
+from lanewise.evaluation.cells import CellOutcome
+from lanewise.evaluation.conditions import DENSITIES, HORIZONS, Condition, ConditionGrid
 from lanewise.evaluation.evaluator import EvaluationConfig
-from lanewise.evaluation.grid import Point, Reach
 from lanewise.scenario import drivers
 from lanewise.scenario.settings import TrafficSettings
 from lanewise.scenario.trap import Start
-from lanewise.world.state import Waves, World
+from lanewise.system import pinned
+from lanewise.world import build
+from lanewise.world.state import World
 
 TestOf = Callable[[Condition], EvaluationConfig]
 """The test of a controller under a condition, as long as the last horizon."""
@@ -55,28 +49,6 @@ def room_of(test_of: TestOf, grid: ConditionGrid) -> Room:
     )
 
 
-def reach(
-    test: EvaluationConfig,
-    clearance: float,
-    places: Sequence[tuple[float, float, int]],
-    known: Sequence[str] = (),
-) -> Iterator[Reach]:
-    """Which starts, by speeds (ego, trap) in m/s and lanes, can be won by the first horizon.
-
-    Arguments as `sweep.reach`; the test has room for all lanes.
-    """
-    scenario = test.scenario
-    rest = (
-        scenario.test_front_distance,
-        scenario.test_side_distance,
-        scenario.traffic.spacing,
-        scenario.traffic.vehicles_behind,
-    )
-    points = [Point(ego, trap, lanes, *rest) for ego, trap, lanes in places]
-    by_then = replace(test, duration=test.driving.decisions_in(HORIZONS[0]))
-    return sweep.reach(by_then, clearance, points, known)
-
-
 def run(
     test_of: TestOf,
     parameters: Parameters,
@@ -84,7 +56,7 @@ def run(
     episodes: int,
     grid: ConditionGrid,
     done: int = 0,
-) -> Iterator[list[ConditionOutcome]]:
+) -> Iterator[list[CellOutcome]]:
     """Drive every condition's episodes greedily.
 
     Args:
@@ -113,13 +85,8 @@ def _drive(
     episodes: int,
     group: Sequence[Condition],
     room: Room,
-) -> list[ConditionOutcome]:
-    numbers = sweep.stacked(
-        [
-            Start.of(test.scenario, lanes=c.lanes, ego_speed=c.ego_speed, trap_speed=c.trap_speed)
-            for c in group
-        ]
-    )
+) -> list[CellOutcome]:
+    numbers = sweep.stacked([Start.of(test.scenario, **c.start_numbers) for c in group])
     # What a start has as a number is the same for all groups, so that placing compiles once for
     # all densities of as many vehicles.
     traffic = replace(test.scenario.traffic, spacing=TrafficSettings.spacing)
@@ -128,31 +95,22 @@ def _drive(
     def worlds(rows: NDArray[np.int64]) -> World:
         starts = jax.tree.map(lambda values: values[rows // episodes], numbers)
         placed = sweep.place(scenario, seed, rows % episodes, starts)
-        return _widened(jax.device_get(placed), room)
+        return _widened(placed, room)
 
     found = sweep.drive(test, parameters, len(group) * episodes, worlds)
-    driving = test.driving
-    limits = [driving.decisions_in(second) * driving.decision_duration for second in HORIZONS]
-    cells = [slice(first, first + episodes) for first in range(0, len(found), episodes)]
-    return [outcome(found.some(cell), limits) for cell in cells]
+    limits = [test.driving.decisions_in(second) for second in HORIZONS]
+    return sweep.outcomes(test, found, episodes, limits)
 
 
+@pinned.jit(static_argnums=1)
 def _widened(worlds: World, room: Room) -> World:
     """The same worlds [B] with absent vehicles, and with waves of those whose speed stays."""
-    missing = room.vehicles - worlds.vehicles.x.shape[1]
-    driven = worlds.drivers
-    if room.waves and driven.waves is None:
-        mean = np.asarray(driven.target_speed)
-        still: Any = (mean, np.zeros_like(mean), np.ones_like(mean), np.zeros_like(mean))
-        driven = replace(driven, waves=Waves(*still))
 
-    def fill(values: NDArray[np.generic]) -> NDArray[np.generic]:
-        return np.pad(values, ((0, 0), (0, missing)), mode="edge")
+    def one(world: World) -> World:
+        driven = world.drivers
+        if room.waves and driven.waves is None:
+            driven = replace(driven, waves=drivers.calm(driven.target_speed))
+        return build.padded(replace(world, drivers=driven), room.vehicles)
 
-    vehicles = jax.tree.map(fill, worlds.vehicles)
-    there = np.pad(worlds.vehicles.present, ((0, 0), (0, missing)))
-    return replace(
-        worlds,
-        drivers=jax.tree.map(fill, driven),
-        vehicles=replace(vehicles, present=there),
-    )
+    widened: World = jax.vmap(one)(worlds)
+    return widened

@@ -1,21 +1,9 @@
-"""Conditions a controller may meet: their axes as data, and what came of each. Imports no JAX.
-
-One drive as long as the last horizon gives the outcome at every horizon: no controller knows when
-its test ends.
-"""
+"""Conditions a controller may meet: their axes as data. Imports no JAX."""
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass
-from math import nan
 from typing import NamedTuple
 
-import numpy as np
-
-from lanewise.errors import SettingsError
-from lanewise.evaluation.episodes import ACCIDENT_KINDS, Episodes
-from lanewise.evaluation.statistics import Interval, clopper_pearson
-from lanewise.fields.ranges import show
 from lanewise.scenario.populations import POPULATIONS
 from lanewise.scenario.settings import TrapSettings
 from lanewise.world.settings import PAPER_DRIVER
@@ -24,8 +12,6 @@ HORIZONS = (25, 60, 120)
 """After how many seconds a drive is judged; the first is that of the paper's test."""
 JUDGED = 1
 """Index of the horizon by which accidents are compared."""
-KINDS = tuple(ACCIDENT_KINDS)[1:]
-"""Kinds of accidents, in the order in which they are counted."""
 EMPTY, NOBODY = "empty", "nobody"
 """The density without traffic, and its population."""
 FEWEST_LANES = 3
@@ -65,6 +51,16 @@ class Condition(NamedTuple):
     """Of the observation, see `ObservationSettings.noise`."""
     latency: float
     """Of decisions, s."""
+
+    @property
+    def approach(self) -> tuple[float, float, int]:
+        """Speeds of ego and trap, m/s, and lanes: what can be won depends on nothing else."""
+        return self.ego_speed, self.trap_speed, self.lanes
+
+    @property
+    def start_numbers(self) -> dict[str, float]:
+        """Numbers of its `trap.Start`; what is missing is the scenario's."""
+        return dict(zip(("ego_speed", "trap_speed", "lanes"), self.approach, strict=True))
 
     @property
     def settings(self) -> dict[str, object]:
@@ -119,19 +115,13 @@ class ConditionGrid:
             )
         ]
 
-    def winnable_places(self) -> list[tuple[float, float, int]]:
-        """Speeds (ego, trap) in m/s and lanes of the starts that may be winnable."""
-        lanes = [number for number in self.lanes if number >= FEWEST_LANES]
-        return [(*speeds, number) for speeds, number in itertools.product(self.speeds, lanes)]
+    def places(self) -> list[Condition]:
+        """All cells in the order of driving."""
+        return [condition for group in self.groups() for condition in group]
 
-
-def check(grid: ConditionGrid) -> None:
-    """Refuse an axis that names a value twice: its cells would count double."""
-    for axis, values in vars(grid).items():
-        for value in values:
-            if values.count(value) > 1:
-                flag = "ego-speed and --trap-speed" if axis == "speeds" else axis
-                raise SettingsError(f"--{flag}: {show(value)} is given twice")
+    def searched(self) -> list[Condition]:
+        """One condition of each approach that may be winnable."""
+        return [condition for condition in self.groups()[0] if condition.lanes >= FEWEST_LANES]
 
 
 def seen_in_training(scenario: TrapSettings) -> tuple[str, ...]:
@@ -140,90 +130,3 @@ def seen_in_training(scenario: TrapSettings) -> tuple[str, ...]:
     if named or scenario.traffic.driver != PAPER_DRIVER:
         return named
     return ("paper",)
-
-
-@dataclass(frozen=True)
-class ConditionOutcome:
-    """What came of a condition's episodes; each list by horizon."""
-
-    episodes: int
-    escapes: list[int]
-    """The paper's successes: past the trap by then."""
-    successes: list[int]
-    """Past the trap by then, and no accident by then, not even afterwards."""
-    kinds: list[list[int]]
-    """Accidents by then, in the order of `KINDS`."""
-    first_accident: list[int]
-    """The first episode with an accident by then; -1 without one."""
-
-    def at(self, horizon: int) -> "HorizonCounts":
-        """The counts at a horizon, by its index."""
-        return HorizonCounts(
-            1,
-            self.episodes,
-            self.escapes[horizon],
-            self.successes[horizon],
-            tuple(self.kinds[horizon]),
-        )
-
-
-def outcome(episodes: Episodes, limits: Sequence[float]) -> ConditionOutcome:
-    """What came of episodes by each of some times, s, none beyond the end of the drive."""
-    escapes, successes, kinds, first = [], [], [], []
-    for limit in limits:
-        # The time of an escape that never came is NaN, which is at no time.
-        escaped = episodes.escape_time <= limit
-        crashed = (episodes.accident > 0) & (episodes.duration <= limit)
-        escapes.append(int(escaped.sum()))
-        successes.append(int((escaped & ~crashed).sum()))
-        found = np.bincount(episodes.accident_kind[crashed], minlength=len(ACCIDENT_KINDS))
-        kinds.append(found[1:].tolist())
-        first.append(int(crashed.argmax()) if crashed.any() else -1)
-    return ConditionOutcome(len(episodes), escapes, successes, kinds, first)
-
-
-@dataclass(frozen=True)
-class ConditionCell:
-    """A condition with all that is known of it."""
-
-    condition: Condition
-    winnable: bool
-    """Whether its start can be won by the first horizon, other traffic left out."""
-    outcome: ConditionOutcome
-
-
-@dataclass(frozen=True)
-class HorizonCounts:
-    """Episodes of some cells, pooled, at one horizon."""
-
-    cells: int
-    episodes: int
-    escapes: int
-    successes: int
-    kinds: tuple[int, ...]
-    """Accidents, in the order of `KINDS`."""
-
-    @property
-    def accidents(self) -> int:
-        """Of any kind."""
-        return sum(self.kinds)
-
-    def rate(self, name: str) -> float:
-        """``escapes``, ``successes`` or ``accidents`` of 1; NaN without episodes."""
-        return float(getattr(self, name)) / self.episodes if self.episodes else nan
-
-    def interval(self, name: str) -> Interval | None:
-        """Its exact 95 % interval, fractions of 1; None without episodes."""
-        return clopper_pearson(getattr(self, name), self.episodes) if self.episodes else None
-
-
-def pooled(cells: Sequence[ConditionCell], horizon: int, winnable: bool = False) -> HorizonCounts:
-    """The episodes of all cells, or of the winnable ones alone, at a horizon's index."""
-    counts = [cell.outcome.at(horizon) for cell in cells if cell.winnable or not winnable]
-    return HorizonCounts(
-        cells=len(counts),
-        episodes=sum(c.episodes for c in counts),
-        escapes=sum(c.escapes for c in counts),
-        successes=sum(c.successes for c in counts),
-        kinds=tuple(sum(c.kinds[kind] for c in counts) for kind in range(len(KINDS))),
-    )

@@ -1,19 +1,12 @@
-"""A grid of starts: its axes as data, and what came of every start. Imports no JAX."""
+"""A grid of starts: its axes as data. Imports no JAX."""
 
 import itertools
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import nan
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from lanewise.errors import SettingsError
-from lanewise.evaluation.episodes import ACCIDENTS
-from lanewise.evaluation.statistics import clopper_pearson
-from lanewise.fields.ranges import show
 from lanewise.scenario.settings import TrapSettings
 
-CAUSES = ACCIDENTS[1:]
-"""What ends an episode badly."""
 DISTANCES = ((14.3, 14.8, 16.44, 16.9), (3.5, 4.06, 7.43, 8.0))
 """D1 and D2, m: the ends of their training ranges and half a metre beyond."""
 
@@ -36,14 +29,14 @@ class Grid:
     vehicles_behind: tuple[int, ...] = (0,)
     """Numbers of traffic vehicles behind the ego."""
 
-    def points(self) -> list["Point"]:
+    def places(self) -> list["Point"]:
         """Every start, the last axis fastest."""
         return [Point(*values) for values in itertools.product(*vars(self).values())]
 
-    @property
-    def traffics(self) -> int:
-        """Starts that differ in their traffic alone; they stand side by side."""
-        return len(self.spacing) * len(self.vehicles_behind)
+    def searched(self) -> list["Point"]:
+        """One start of each approach."""
+        # Starts that differ in their traffic alone stand side by side.
+        return self.places()[:: len(self.spacing) * len(self.vehicles_behind)]
 
 
 class Point(NamedTuple):
@@ -56,6 +49,16 @@ class Point(NamedTuple):
     side_distance: float
     spacing: float
     vehicles_behind: int
+
+    @property
+    def approach(self) -> tuple[float, ...]:
+        """All but the traffic, on which it does not depend whether a start can be won."""
+        return self[:5]
+
+    @property
+    def start_numbers(self) -> dict[str, float]:
+        """Numbers of its `trap.Start`; what is missing is the scenario's."""
+        return self._asdict()
 
 
 SETTINGS = {
@@ -70,15 +73,6 @@ SETTINGS = {
 """The setting that each axis varies."""
 
 
-def check(grid: Grid) -> None:
-    """Refuse an axis that names a value twice: its starts would count double."""
-    for axis, values in vars(grid).items():
-        for value in values:
-            if values.count(value) > 1:
-                flag = axis.replace("_", "-")
-                raise SettingsError(f"--{flag}: {show(value)} is given twice")
-
-
 def check_searchable(scenario: TrapSettings) -> None:
     """Refuse a trap whose starts `reachability` cannot judge."""
     if scenario.trap_speed_wave:
@@ -86,103 +80,3 @@ def check_searchable(scenario: TrapSettings) -> None:
             "--scenario.trap-speed-wave must be 0: whether a start can be won is searched for with "
             "trap cars of constant speed"
         )
-
-
-@dataclass(frozen=True)
-class Reach:
-    """Whether a start can be won at all, without other traffic; see `reachability`."""
-
-    winnable: bool
-    """Whether there is an escape; true also where the search was given up."""
-    decided: bool
-    """Whether the search came to an end."""
-    clear: bool
-    """Whether there is an escape that keeps the clearance from both trap cars."""
-    escape: str
-    """The best escape found, one digit a decision; empty if none was."""
-    states: int
-    """States the exhaustive search visited; 0 where it was not needed."""
-
-
-@dataclass(frozen=True)
-class PointResult:
-    """What came of a start's episodes."""
-
-    episodes: int
-    successes: int
-    """Past the trap, and no accident, not even later."""
-    collision: int
-    off_road: int
-    stopped: int
-    speed: float
-    """Mean of the episodes' average speeds, m/s."""
-    reward: float
-    """Mean accumulated reward."""
-    escapes: int
-    """The paper's successes: past the trap, whatever happened later."""
-
-
-@dataclass(frozen=True)
-class Cell:
-    """A start of the grid with all that is known of it."""
-
-    point: Point
-    reach: Reach
-    outcome: PointResult
-
-
-DENOMINATORS: dict[str, Callable[[Reach], bool]] = {
-    "all": lambda reach: True,
-    "winnable": lambda reach: reach.winnable,
-    "winnable_with_clearance": lambda reach: reach.clear,
-}
-"""Over which starts a share is taken."""
-
-
-@dataclass(frozen=True)
-class Share:
-    """Episodes of some starts, pooled."""
-
-    starts: int
-    episodes: int
-    escapes: int
-    successes: int
-    accidents: dict[str, int]
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Episodes by outcome; `rate` takes the same names."""
-        accidents = sum(self.accidents.values())
-        return {"escape": self.escapes, "success": self.successes, "accident": accidents}
-
-    def rate(self, outcome: str) -> float:
-        """How often an outcome came, of 1; NaN without episodes."""
-        return self.counts[outcome] / self.episodes if self.episodes else nan
-
-    def to_json(self) -> dict[str, Any]:
-        """The counts, the rates and their exact 95 % intervals."""
-        stored: dict[str, Any] = dict(vars(self))
-        for outcome, count in self.counts.items():
-            interval = clopper_pearson(count, self.episodes) if self.episodes else None
-            stored |= {f"{outcome}_rate": self.rate(outcome), f"{outcome}_interval": interval}
-        return stored
-
-
-def pool(cells: Sequence[Cell], denominator: str = "all") -> Share:
-    """The episodes of those cells that count under a denominator."""
-    counted = [cell.outcome for cell in cells if DENOMINATORS[denominator](cell.reach)]
-    return Share(
-        starts=len(counted),
-        episodes=sum(outcome.episodes for outcome in counted),
-        escapes=sum(outcome.escapes for outcome in counted),
-        successes=sum(outcome.successes for outcome in counted),
-        accidents={cause: sum(getattr(o, cause) for o in counted) for cause in CAUSES},
-    )
-
-
-def fold(cells: Sequence[Cell], *axes: str) -> dict[tuple[float, ...], list[Cell]]:
-    """The cells by their values on some axes; all other axes are folded together."""
-    groups: dict[tuple[float, ...], list[Cell]] = {}
-    for cell in cells:
-        groups.setdefault(tuple(getattr(cell.point, axis) for axis in axes), []).append(cell)
-    return groups

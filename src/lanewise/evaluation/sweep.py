@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from lanewise.controllers.controller import Parameters
 from lanewise.evaluation import concurrent, evaluator, reachability
+from lanewise.evaluation.cells import CellOutcome, Place, Reach, outcome
 from lanewise.evaluation.episodes import Episodes
 from lanewise.evaluation.evaluator import EvaluationConfig, Result
-from lanewise.evaluation.grid import CAUSES, Grid, Point, PointResult, Reach
+from lanewise.evaluation.grid import Grid, Point
 from lanewise.evaluation.reachability import ReachabilityConfig
 from lanewise.scenario import trap
 from lanewise.scenario.settings import TrapSettings
@@ -33,20 +34,15 @@ def config(test: EvaluationConfig, grid: Grid) -> EvaluationConfig:
     return replace(test, scenario=replace(test.scenario, lanes=max(grid.lanes), traffic=traffic))
 
 
-def start_of(scenario: TrapSettings, point: Point) -> Start:
-    """A point's numbers; the traffic ahead is the scenario's."""
-    return Start.of(scenario, **point._asdict())
-
-
 def reach(
-    test: EvaluationConfig, clearance: float, points: Sequence[Point], known: Sequence[str] = ()
+    test: EvaluationConfig, clearance: float, places: Sequence[Place], known: Sequence[str] = ()
 ) -> Iterator[Reach]:
-    """Which points can be won at all, and which with some clearance, m, from the trap cars.
+    """Which places can be won at all, and which with some clearance, m, from the trap cars.
 
     Args:
-        test: of the grid, as `config` made it.
+        test: with room for every start.
         clearance: m.
-        points: in an order in which neighbours are alike: escapes of the last ones are tried first.
+        places: in an order in which neighbours are alike: escapes of the last ones are tried first.
         known: escapes found before.
     """
     # The search knows no latency.
@@ -54,8 +50,8 @@ def reach(
     strict = ReachabilityConfig(test.scenario, driving, test.duration)
     wide = replace(strict, clearance=clearance)
     pool = dict.fromkeys(tuple(map(int, escape)) for escape in known if escape)
-    for point in points:
-        start = start_of(test.scenario, point)
+    for place in places:
+        start = Start.of(test.scenario, **place.start_numbers)
         latest = list(reversed(pool))
         clear = reachability.judge(wide, start, latest)
         verdict = clear
@@ -81,7 +77,7 @@ def run(
     episodes: int,
     points: Sequence[Point],
     first: int = 0,
-) -> Iterator[list[PointResult]]:
+) -> Iterator[list[CellOutcome]]:
     """Drive every point's episodes greedily, under the test that `config` made.
 
     Args:
@@ -98,7 +94,7 @@ def run(
     together = max(1, concurrent.threads() * evaluator.BLOCK // episodes)
     for begin in range(first, len(points), together):
         some = points[begin : begin + together]
-        numbers = stacked([start_of(test.scenario, point) for point in some])
+        numbers = stacked([Start.of(test.scenario, **point.start_numbers) for point in some])
         before = begin * episodes
 
         def worlds(
@@ -108,10 +104,16 @@ def run(
             return place(test.scenario, seed, before + rows, starts)
 
         found = drive(test, parameters, len(some) * episodes, worlds)
-        yield [
-            _outcome(found.some(slice(first, first + episodes)))
-            for first in range(0, len(found), episodes)
-        ]
+        yield outcomes(test, found, episodes, [test.duration])
+
+
+def outcomes(
+    test: EvaluationConfig, found: Episodes, episodes: int, horizons: Sequence[int]
+) -> list[CellOutcome]:
+    """Outcomes of cells with so many episodes each; the horizons are decisions."""
+    limits = [horizon * test.driving.decision_duration for horizon in horizons]
+    cells = [slice(first, first + episodes) for first in range(0, len(found), episodes)]
+    return [outcome(found.some(cell), limits) for cell in cells]
 
 
 def stacked(starts: Sequence[Start]) -> Start:
@@ -161,15 +163,3 @@ def place(scenario: TrapSettings, seed: int, indices: ArrayLike, starts: Start) 
 
     worlds: World = jax.vmap(one)(jnp.asarray(indices), starts)
     return worlds
-
-
-def _outcome(found: Episodes) -> PointResult:
-    causes = {cause: int((found.accident == code).sum()) for code, cause in enumerate(CAUSES, 1)}
-    return PointResult(
-        episodes=len(found),
-        escapes=int(found.escaped.sum()),
-        successes=int(found.success.sum()),
-        speed=float(found.average_speed.mean()),
-        reward=float(found.accumulated_reward.mean()),
-        **causes,
-    )

@@ -190,7 +190,7 @@ CLAIMS = {
         lambda seed: (
             seed.single_level.late("success"),
             max(more.late("success") for more in seed.explorers),
-            max(more.test_rate for more in seed.explorers),
+            max(more.test["escape_rate"] for more in seed.explorers),
         ),
         lambda flat, more, tested: more <= flat + RARELY,
         lambda flat, more, tested: (
@@ -241,21 +241,24 @@ CLAIMS = {
     ),
     "escapes": PaperClaim(
         "In tests the hierarchical controller escapes (97.67 %) and the flat one does not (0 %)",
-        lambda seed: (seed.hierarchical.test_rate, seed.single_level.test_rate),
+        lambda seed: (seed.hierarchical.test["escape_rate"], seed.single_level.test["escape_rate"]),
         lambda ours, flat: ours > MOSTLY and flat <= RARELY,
         _both,
     ),
     "more accidents": PaperClaim(
         'The flat controller has "better performance in terms of the accident rate"',
-        lambda seed: (seed.hierarchical.test_accidents, seed.single_level.test_accidents),
+        lambda seed: (
+            seed.hierarchical.test["accident_rate"],
+            seed.single_level.test["accident_rate"],
+        ),
         lambda ours, flat: ours > flat,
         lambda ours, flat: f"in tests: {_both(ours, flat)}",
     ),
     "two steps": PaperClaim(
         'Two steps are needed "to enhance the controller\'s effectiveness"',
         lambda seed: (
-            *(seed.hierarchical.test_rate, seed.hierarchical.test_reward),
-            *(seed.one_step.test_rate, seed.one_step.test_reward),
+            *(seed.hierarchical.test["escape_rate"], seed.hierarchical.test["accumulated_reward"]),
+            *(seed.one_step.test["escape_rate"], seed.one_step.test["accumulated_reward"]),
         ),
         _better,
         lambda success, reward, success_of_one, reward_of_one: (

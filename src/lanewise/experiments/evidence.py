@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lanewise.evaluation.episodes import Episodes, Recording
+from lanewise.evaluation.episodes import Recording
 from lanewise.evaluation.metrics import TRAINING_WINDOW
 
 EXPLORING = 100
@@ -31,7 +31,8 @@ class Evidence:
     """Its training episodes, in their order: metrics lines of kind ``episode``."""
     settled: int
     """Episodes completed when epsilon had come down to its final value; all, if it never did."""
-    test: Episodes
+    test: Mapping[str, float]
+    """Its metrics in tests, by name (`Summary.values`)."""
     recording: Recording | None = None
     """One drive from the test start; of the two compared controllers alone."""
 
@@ -58,21 +59,6 @@ class Evidence:
         """Standard deviation over mean; infinite around 0."""
         mean = abs(self.late(name))
         return self.spread(name) / mean if mean else inf
-
-    @property
-    def test_rate(self) -> float:
-        """The paper's success rate in tests."""
-        return float(self.test.escaped.mean())
-
-    @property
-    def test_reward(self) -> float:
-        """Mean accumulated reward in tests."""
-        return float(self.test.accumulated_reward.mean())
-
-    @property
-    def test_accidents(self) -> float:
-        """Accident rate in tests."""
-        return float((self.test.accident != 0).mean())
 
     @property
     def drive(self) -> Recording:

@@ -116,7 +116,7 @@ def _evidence(seed: SeedResult, seconds: int | None = None) -> Evidence:
     """What a seed left behind, with a drive of that length where one is asked for."""
     settled = len(seed.episodes) if seed.settled is None else int(seed.settled)
     drive = None if seconds is None else seed.record(seconds=seconds)
-    return Evidence(seed.episodes, settled, seed.tests["lanewise"].episodes, drive)
+    return Evidence(seed.episodes, settled, seed.tests["lanewise"].summary.values, drive)
 
 
 def _markdown(data: ReportData) -> str:

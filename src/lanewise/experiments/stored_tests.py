@@ -5,7 +5,6 @@ own run alone.
 """
 
 import hashlib
-import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,8 +56,6 @@ def store(
     """
     table = metrics.to_csv(episodes).encode()
     stored: dict[str, Any] = {
-        "format": _FORMAT,
-        "version": _VERSION,
         "summary": metrics.summarise(episodes, controller=controller, world=world).to_json(),
         "seconds": round(seconds, 2),
         "run": _identity(place.path, seed, weights),
@@ -67,9 +64,9 @@ def store(
         "machine": provenance.machine(),
         "episodes_sha256": _sha256(table),
     }
-    text = json.dumps(stored | {"digest": safe_io.digest(stored)}, indent=1) + "\n"
+    text = safe_io.document(_FORMAT, _VERSION, stored)
     with place.inside(TESTS) as folder:
-        write_atomically(folder, {f"{world}.csv": table, f"{world}.json": text.encode()})
+        write_atomically(folder, {f"{world}.csv": table, f"{world}.json": text})
 
 
 def read(

@@ -22,11 +22,9 @@ def check(path: Path, reading: bool) -> None:
     """Refuses a path to which no policy can be written, or ``reading`` it again is impossible."""
     if path.suffix not in (NUMPY, ONNX):
         raise LanewiseError(f"--out must end in {ONNX}, or in {NUMPY} for NumPy, got {path}")
-    if path.exists() or path.is_symlink():
-        raise LanewiseError(f"{path} is there already; nothing is overwritten")
     from lanewise.report import output_files
 
-    output_files.check_writable(path)
+    output_files.check_writable(path, new=True)
     if path.suffix == ONNX:
         _onnx_models()
         if reading:

@@ -14,12 +14,19 @@ from lanewise.system.extras import needed_for
 
 with needed_for("a figure"):
     import matplotlib.style
+    from matplotlib import colormaps as colormaps
     from matplotlib.artist import Artist as Artist
     from matplotlib.axes import Axes as Axes
+    from matplotlib.cm import ScalarMappable as ScalarMappable
     from matplotlib.collections import PolyCollection as PolyCollection
+    from matplotlib.colors import Normalize as Normalize
+    from matplotlib.colors import PowerNorm as PowerNorm
+    from matplotlib.colors import to_rgb
     from matplotlib.figure import Figure as Figure
     from matplotlib.lines import Line2D as Line2D
     from matplotlib.patches import Patch as Patch
+    from matplotlib.patches import Polygon as Polygon
+    from matplotlib.patches import Rectangle as Rectangle
 
 Floats = NDArray[np.float64]
 Look = dict[str, Any]
@@ -112,6 +119,17 @@ def band(
     thin: Look = {"color": style.colour, "alpha": 0.7, "linewidth": THIN, "linestyle": style.dashes}
     for edge in (low, high):
         axes.plot(x, edge, drawstyle="steps-post" if stepped else "default", **thin)
+
+
+def field(axes: Axes, x: float, low: float, high: float, fill: Any) -> tuple[Rectangle, str]:
+    """A field of a map over rows from ``low`` to ``high``, and the ink to write in it."""
+    colour = to_rgb(fill)
+    # Luma, as in ITU-R BT.601.
+    ink = "black" if np.dot(colour, (0.299, 0.587, 0.114)) > 0.5 else "white"
+    look: Look = {"facecolor": colour, "edgecolor": "white", "linewidth": 0.8}
+    box = Rectangle((x - 0.5, low - 0.5), 1.0, high - low + 1.0, **look)
+    axes.add_patch(box)
+    return box, ink
 
 
 def keys(

@@ -36,13 +36,18 @@ def replacing(path: Path | str) -> Iterator[Path]:
             beside.unlink()
 
 
-def check_writable(*paths: Path | str) -> None:
-    """Refuses files that cannot be written, before the work whose results they are to hold."""
+def check_writable(*paths: Path | str, new: bool = False) -> None:
+    """Refuses files that cannot be written, before the work whose results they are to hold.
+
+    With ``new`` also those that are there already.
+    """
     places = [Path(path).absolute().parent.resolve() / Path(path).name for path in paths]
     for path, place in zip(map(Path, paths), places, strict=True):
         if places.count(place) > 1:
             raise LanewiseError(f"{path} is named for two results; give each its own file")
         require_outside(path)
+        if new and os.path.lexists(path):
+            raise LanewiseError(f"{path} exists; choose another file")
         # Path's own function fails where a name is too long.
         if os.path.isdir(path):
             raise LanewiseError(f"cannot write {path}: a folder has that name")

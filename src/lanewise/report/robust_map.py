@@ -7,29 +7,12 @@ such a field is as high as all populations.
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from lanewise.evaluation.conditions import (
-    EMPTY,
-    HORIZONS,
-    JUDGED,
-    NOBODY,
-    ConditionCell,
-    pooled,
-)
+from lanewise.evaluation.cells import Cell, fold, pool
+from lanewise.evaluation.conditions import EMPTY, HORIZONS, JUDGED, NOBODY, Condition
 from lanewise.report import figure_style as style
-from lanewise.report.figure_style import Look
-from lanewise.report.robust_tables import SEEN, RobustResult, fold
-from lanewise.report.sweep_map import figure_of
-from lanewise.system.extras import needed_for
-
-with needed_for("the map"):
-    import matplotlib
-    from matplotlib.axes import Axes
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize, PowerNorm, to_rgb
-    from matplotlib.figure import Figure
-    from matplotlib.patches import Rectangle
+from lanewise.report.figure_style import Axes, Figure, Look, Normalize, PowerNorm, ScalarMappable
+from lanewise.report.robust_tables import SEEN, sort
+from lanewise.report.sweep_result import SweepResult, figure_of
 
 GAP = 0.35
 """Between groups of rows or columns, in fields."""
@@ -44,27 +27,27 @@ class Panel(NamedTuple):
     title: str
     outcome: str
     horizon: int
-    winnable: bool
-    """Whether only winnable cells count."""
+    over: str
+    """Which cells count, a name in `DENOMINATORS`."""
     scale: ScalarMappable
 
 
 def panels() -> list[Panel]:
     """Both maps; bright is good in both, and a square root tells few accidents from none."""
-    colours = matplotlib.colormaps
+    colours = style.colormaps
     few = ScalarMappable(PowerNorm(0.5, 0.0, 100.0), colours["cividis_r"])
     even = ScalarMappable(Normalize(0.0, 100.0), colours["cividis"])
     accidents = f"accidents by {HORIZONS[JUDGED]} s, % of episodes"
     accidents += "; populations seen in training stand first"
     success = f"success by {HORIZONS[0]} s, % of episodes that can be won"
     return [
-        Panel(accidents, "accidents", JUDGED, False, few),
-        Panel(success, "successes", 0, True, even),
+        Panel(accidents, "accidents", JUDGED, "all", few),
+        Panel(success, "successes", 0, "winnable", even),
     ]
 
 
 @style.look()
-def draw(result: RobustResult) -> Figure:
+def draw(result: SweepResult[Condition]) -> Figure:
     """The map of all cells."""
     rows, columns = _rows(result), _columns(result)
     width = max(style.WIDTH, 2.2 + 0.45 * len(columns))
@@ -82,19 +65,19 @@ def draw(result: RobustResult) -> Figure:
     return figure
 
 
-def _in(cell: ConditionCell, population: str, density: str, lanes: object) -> bool:
+def _in(cell: Cell[Condition], population: str, density: str, lanes: object) -> bool:
     """Whether a cell belongs to a field; the field of all densities has all its population's."""
-    here = cell.condition
+    here = cell.place
     return here.population == population and (
         density == ALL or (here.density == density and here.lanes == lanes)
     )
 
 
-def _rows(result: RobustResult) -> dict[str, float]:
+def _rows(result: SweepResult[Condition]) -> dict[str, float]:
     """Where each population stands, downwards: seen ones, a gap, those held out."""
-    names = {c.condition.population: result.sort(c) for c in result.cells}
+    names = {c.place.population: sort(result, c) for c in result.cells}
     names.pop(NOBODY, None)
-    seen = [name for name, sort in names.items() if sort == SEEN]
+    seen = [name for name, kind in names.items() if kind == SEEN]
     others = [name for name in names if name not in seen]
     rows = {name: float(place) for place, name in enumerate(seen)}
     after = len(seen) + GAP * bool(seen)
@@ -102,11 +85,11 @@ def _rows(result: RobustResult) -> dict[str, float]:
     return rows or {NOBODY: 0.0}
 
 
-def _columns(result: RobustResult) -> dict[tuple[str, object], float]:
+def _columns(result: SweepResult[Condition]) -> dict[tuple[str, object], float]:
     """Where each density and number of lanes stands, and all of a population."""
     there = fold(result.cells, "density")
-    densities = [name for name in result.grid.density if (name,) in there]
-    lanes = result.grid.lanes
+    densities = [name for name in result.axes["density"] if (name,) in there]
+    lanes = result.axes["lanes"]
     places: dict[tuple[str, object], float] = {}
     for group, density in enumerate(densities):
         for place, number in enumerate(lanes):
@@ -117,24 +100,21 @@ def _columns(result: RobustResult) -> dict[tuple[str, object], float]:
 
 
 def _field(
-    axes: Axes, place: tuple[float, float, float], cells: Sequence[ConditionCell], panel: Panel
+    axes: Axes, place: tuple[float, float, float], cells: Sequence[Cell[Condition]], panel: Panel
 ) -> None:
     x, low, high = place
-    counts = pooled(cells, panel.horizon, panel.winnable)
+    counts = pool(cells, panel.horizon, panel.over)
     percent = 100.0 * counts.rate(panel.outcome)
     scale: Any = panel.scale
-    colour = to_rgb(scale.to_rgba(percent) if counts.episodes else UNCOUNTED)
-    # Luma, as in ITU-R BT.601.
-    ink = "black" if np.dot(colour, (0.299, 0.587, 0.114)) > 0.5 else "white"
-    look: Look = {"facecolor": colour, "edgecolor": "white", "linewidth": 0.8}
-    axes.add_patch(Rectangle((x - 0.5, low - 0.5), 1.0, high - low + 1.0, **look))
+    colour = scale.to_rgba(percent) if counts.episodes else UNCOUNTED
+    _, ink = style.field(axes, x, low, high, colour)
     shown = figure_of(percent) if counts.episodes else "-"
     axes.text(x, (low + high) / 2, shown, color=ink, ha="center", va="center", fontsize=7.0)
 
 
 def _label(
     axes: Axes,
-    result: RobustResult,
+    result: SweepResult[Condition],
     rows: dict[str, float],
     columns: dict[tuple[str, object], float],
 ) -> None:

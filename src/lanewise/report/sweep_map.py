@@ -6,20 +6,19 @@ A field counts winnable starts; a corner is hatched where some cannot be won, al
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
-from lanewise.evaluation.grid import Cell, fold, pool
+from lanewise.evaluation.cells import Cell, fold, pool
+from lanewise.evaluation.grid import Point
 from lanewise.report import figure_style as style
-from lanewise.report.figure_style import Look
-from lanewise.system.extras import needed_for
-
-with needed_for("the map"):
-    import matplotlib
-    from matplotlib.axes import Axes
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize, to_rgb
-    from matplotlib.figure import Figure
-    from matplotlib.patches import Patch, Polygon, Rectangle
+from lanewise.report.figure_style import (
+    Axes,
+    Figure,
+    Look,
+    Normalize,
+    Patch,
+    Polygon,
+    ScalarMappable,
+)
+from lanewise.report.sweep_result import figure_of
 
 LABELS = {
     "ego_speed": ("ego speed, m/s", "ego"),
@@ -35,8 +34,8 @@ LABELS = {
 # cividis looks the same to every kind of colour vision and rises evenly in grey. Bright is good in
 # both rows, so accidents run the other way.
 ROWS = (
-    ("success, % of winnable", "success", "cividis"),
-    ("accidents, % of winnable", "accident", "cividis_r"),
+    ("success, % of winnable", "successes", "cividis"),
+    ("accidents, % of winnable", "accidents", "cividis_r"),
 )
 """Label, outcome and colours of the rows of panels."""
 UNWINNABLE = "0.85"
@@ -55,9 +54,9 @@ class MapAxes(NamedTuple):
 
 
 @style.look()
-def draw(cells: Sequence[Cell], view: MapAxes) -> Figure:
+def draw(cells: Sequence[Cell[Point]], view: MapAxes) -> Figure:
     """The map of a whole grid's cells."""
-    values = {axis: sorted({getattr(c.point, axis) for c in cells}) for axis in LABELS}
+    values = {axis: sorted({getattr(c.place, axis) for c in cells}) for axis in LABELS}
     columns = values[view.panel]
     across, down = values[view.x], values[view.y]
     width = 1.6 + len(columns) * (0.5 + 0.5 * len(across))
@@ -65,10 +64,10 @@ def draw(cells: Sequence[Cell], view: MapAxes) -> Figure:
     figure = Figure(figsize=(width, height), layout="constrained")
     panels = figure.subplots(2, len(columns), sharex=True, sharey=True, squeeze=False)
     for row, (label, outcome, colours) in enumerate(ROWS):
-        scale = ScalarMappable(Normalize(0.0, 100.0), matplotlib.colormaps[colours])
+        scale = ScalarMappable(Normalize(0.0, 100.0), style.colormaps[colours])
         for column, value in enumerate(columns):
             axes = panels[row, column]
-            own = [cell for cell in cells if getattr(cell.point, view.panel) == value]
+            own = [cell for cell in cells if getattr(cell.place, view.panel) == value]
             for (x, y), field in fold(own, view.x, view.y).items():
                 _field(axes, (across.index(x), down.index(y)), field, (outcome, scale))
             axes.set(xlim=(-0.5, len(across) - 0.5), ylim=(-0.5, len(down) - 0.5))
@@ -87,10 +86,10 @@ def draw(cells: Sequence[Cell], view: MapAxes) -> Figure:
     return figure
 
 
-def _key(cells: Sequence[Cell], view: MapAxes) -> list[Patch]:
+def _key(cells: Sequence[Cell[Point]], view: MapAxes) -> list[Patch]:
     """What hatching means, as far as it occurs."""
     fields = fold(cells, view.panel, view.x, view.y).values()
-    won = [(pool(own, "winnable").starts, len(own)) for own in fields]
+    won = [(pool(own, 0, "winnable").cells, len(own)) for own in fields]
     some, none = any(0 < part < whole for part, whole in won), any(part == 0 for part, _ in won)
     look: Look = {"edgecolor": "0.3", "hatch": HATCH}
     partly = Patch(facecolor="white", label="some cannot be won (winnable/all)", **look)
@@ -99,34 +98,27 @@ def _key(cells: Sequence[Cell], view: MapAxes) -> list[Patch]:
 
 
 def _field(
-    axes: Axes, place: tuple[int, int], cells: Sequence[Cell], shown: tuple[str, ScalarMappable]
+    axes: Axes,
+    place: tuple[int, int],
+    cells: Sequence[Cell[Point]],
+    shown: tuple[str, ScalarMappable],
 ) -> None:
     outcome, scale = shown
-    share = pool(cells, "winnable")
-    lost = len(cells) - share.starts
-    percent = 100.0 * share.rate(outcome) if share.starts else 0.0
-    colour = to_rgb(scale.cmap(percent / 100.0) if share.starts else UNWINNABLE)
-    # Luma, as in ITU-R BT.601.
-    ink = "black" if np.dot(colour, (0.299, 0.587, 0.114)) > 0.5 else "white"
+    counts = pool(cells, 0, "winnable")
+    lost = len(cells) - counts.cells
+    percent = 100.0 * counts.rate(outcome) if counts.cells else 0.0
     x, y = place
-    look: Look = {"facecolor": colour, "edgecolor": "white", "linewidth": 0.8}
-    field = axes.add_patch(Rectangle((x - 0.5, y - 0.5), 1.0, 1.0, **look))
+    colour = scale.cmap(percent / 100.0) if counts.cells else UNWINNABLE
+    box, ink = style.field(axes, x, y, y, colour)
     if lost:
         # All of a lost field is hatched, of others a corner that leaves room for their numbers.
-        size, right, top = CORNER if share.starts else 2.0, x + 0.5, y + 0.5
+        size, right, top = CORNER if counts.cells else 2.0, x + 0.5, y + 0.5
         corners = [(right, top), (right - size, top), (right, top - size)]
         corner = Polygon(corners, fill=False, edgecolor=ink, linewidth=0.0, hatch=HATCH)
         axes.add_patch(corner)
-        corner.set_clip_path(field)
-    if share.starts:
+        corner.set_clip_path(box)
+    if counts.cells:
         axes.text(x, y, figure_of(percent), color=ink, ha="center", va="center", fontsize=8.0)
-    if lost and share.starts:
-        counts = f"{share.starts}/{len(cells)}"
-        axes.text(x, y - 0.3, counts, color=ink, ha="center", va="center", fontsize=6.0)
-
-
-def figure_of(percent: float) -> str:
-    """A percentage in four characters at most; 100 and 0 only where they are exact."""
-    if percent in (0.0, 100.0):
-        return f"{percent:.0f}"
-    return f"{min(max(percent, 0.1), 99.9):.1f}"
+    if lost and counts.cells:
+        won = f"{counts.cells}/{len(cells)}"
+        axes.text(x, y - 0.3, won, color=ink, ha="center", va="center", fontsize=6.0)

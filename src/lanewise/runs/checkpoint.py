@@ -7,7 +7,6 @@ file.
 """
 
 import hashlib
-import json
 import math
 import os
 import re
@@ -88,16 +87,13 @@ def save(
     """
     data = pack(tree)
     manifest = {
-        "format": FORMAT,
-        "version": VERSION,
         "name": name,
         "sha256": hashlib.sha256(data).hexdigest(),
         "settings_digest": settings_digest,
         "meta": dict(meta),
     }
-    manifest[_DIGEST] = safe_io.digest(manifest, _DIGEST)
-    text = json.dumps(manifest, indent=1, allow_nan=False) + "\n"
-    write_atomically(folder, {f"{name}.safetensors": data, f"{name}.json": text.encode()})
+    text = safe_io.document(FORMAT, VERSION, manifest, _DIGEST)
+    write_atomically(folder, {f"{name}.safetensors": data, f"{name}.json": text})
     if keep is not None:
         prune(folder, keep, set(unusable) - {name})
 

@@ -19,7 +19,6 @@ Imports no JAX.
 """
 
 import hashlib
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -215,8 +214,6 @@ class RunFolder:
 
     def _write_identity(self) -> None:
         manifest = {
-            "format": FORMAT,
-            "version": VERSION,
             "controller": self.controller,
             "seed": self.seed,
             "settings_digest": self.digest,
@@ -226,10 +223,9 @@ class RunFolder:
             **({"compiler": list(self.compiler)} if self.compiler else {}),
             "created": datetime.now(UTC).isoformat(timespec="seconds"),
         }
-        manifest["digest"] = safe_io.digest(manifest)
         contents = {
             "settings.toml": config.dump_toml(self.settings).encode(),
-            "run.json": (json.dumps(manifest, indent=2) + "\n").encode(),
+            "run.json": safe_io.document(FORMAT, VERSION, manifest),
         }
         write_atomically(self.held, contents)
 

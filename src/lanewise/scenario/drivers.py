@@ -24,7 +24,7 @@ def of_traffic(settings: TrapSettings, key: Array, count: int, speed: ArrayLike)
     traffic = settings.traffic
     same = build.make_drivers([traffic.driver] * count, [RULE_BASED] * count)
     if not traffic.populations:
-        return replace(same, waves=_waves(same.target_speed) if has_waves(settings) else None)
+        return replace(same, waves=calm(same.target_speed) if has_waves(settings) else None)
     kinds = [POPULATIONS[name] for name in traffic.populations]
     which = jax.random.randint(jax.random.fold_in(key, 0), (count,), 0, len(kinds), jnp.int32)
     names = build.NUMBERS
@@ -84,8 +84,8 @@ def has_waves(settings: TrapSettings) -> bool:
     )
 
 
-def _waves(mean: Array) -> Waves:
-    """Of speeds that do not swing."""
+def calm(mean: Array) -> Waves:
+    """Waves of speeds that do not swing."""
     return Waves(mean, jnp.zeros_like(mean), jnp.ones_like(mean), jnp.zeros_like(mean))
 
 
