@@ -10,7 +10,6 @@ import ages
 
 from lanewise.bench.session import extras, number
 from lanewise.bench.suite import Measurement
-from lanewise.evaluation.conditions import ConditionOutcome
 from lanewise.report import tables
 from lanewise.runs import pretrained
 
@@ -62,14 +61,14 @@ def driver(stored: Any) -> str:
     heads = [f"seed {shipped} ({len(runs)} seeds), %", "success, 25 s"]
     heads += [f"accidents, {second} s" for second in stored["horizons"]]
     rows = []
-    for row in runs[0]["rows"]:
-        tested = [ConditionOutcome(**run["rows"][row]) for run in runs]
+    for name in runs[0]["rows"]:
+        tested = [run["rows"][name] for run in runs]
+        successes = [100 * row["successes"][0] / row["episodes"] for row in tested]
         accidents = (
-            [100 * each.at(horizon).rate("accidents") for each in tested]
+            [100 * sum(row["kinds"][horizon]) / row["episodes"] for row in tested]
             for horizon in range(len(stored["horizons"]))
         )
-        successes = [100 * each.at(0).rate("successes") for each in tested]
-        rows.append([row, _spread(successes), *map(_spread, accidents)])
+        rows.append([name, _spread(successes), *map(_spread, accidents)])
     means = (
         f"{name.replace('_', ' ')} {_spread([run['paper_means'][name] for run in runs])}"
         for name in runs[0]["paper_means"]

@@ -111,9 +111,9 @@ def test_episodes_do_not_depend_on_how_many_are_driven_with_them(ours):
 def test_more_episodes_than_a_block_belong_to_one_start_of_a_grid():
     grid = Grid((8.0,), (8.0, 10.0), (3,), (15.0,), (5.0,))
     given = sweep.config(TEST, grid)
-    found = [o for some in sweep.run(given, constant(7), 5, COUNT, grid.points()) for o in some]
+    found = [o for some in sweep.run(given, constant(7), 5, COUNT, grid.places()) for o in some]
     assert [outcome.episodes for outcome in found] == [COUNT, COUNT]
-    assert [outcome.collision for outcome in found] == [COUNT, COUNT]
+    assert [outcome.at(0).accidents for outcome in found] == [COUNT, COUNT]
     assert found[0].speed < found[1].speed
 
 
@@ -122,7 +122,7 @@ def test_a_start_of_a_grid_is_the_test_start_with_those_settings():
     """Padded with lanes and vehicles it lacks, it comes to what its own settings give."""
     episodes = 3
     grid = Grid((9.5,), (8.5,), (3, 5), (15.0,), (6.0,), (20.0, 30.0), (0, 2))
-    given, points, number = sweep.config(TEST, grid), grid.points(), 2
+    given, points, number = sweep.config(TEST, grid), grid.places(), 2
 
     def outcomes(first=0):
         groups = sweep.run(given, constant(7), 5, episodes, points, first)
@@ -137,7 +137,7 @@ def test_a_start_of_a_grid_is_the_test_start_with_those_settings():
     # Start i of a seed is the point's number times the episodes, and on from there.
     alone = recipe.evaluation_config(config.compose(flags=FEW | own), "single-level")
     many = evaluator.evaluate(alone, constant(7), 5, (number + 1) * episodes)
-    assert found[number].collision == (many.accident[-episodes:] == 1).sum() == episodes
+    assert found[number].at(0).accidents == (many.accident[-episodes:] == 1).sum() == episodes
     assert found[number].speed == pytest.approx(many.average_speed[-episodes:].mean())
     assert found[number].reward == pytest.approx(many.accumulated_reward[-episodes:].mean())
 

@@ -138,19 +138,19 @@ def test_clearance_rules_out_what_passes_by_centimetres():
     """In a grid as for each start alone: escapes, but not with 10 cm to spare."""
     wide = replace(COURSE, clearance=0.1)
     grid = Grid((13.0,), (8.0,), (5,), (14.8,), (6.61, 7.43))
-    found = list(sweep.reach(TEST, 0.1, grid.points()))
-    for point, reach in zip(grid.points(), found, strict=True):
-        alone = sweep.start_of(TrapSettings(), point)
+    found = list(sweep.reach(TEST, 0.1, grid.places()))
+    for point, reach in zip(grid.places(), found, strict=True):
+        alone = Start.of(TrapSettings(), **point.start_numbers)
         assert reach.winnable == reachability.judge(COURSE, alone).winnable
         assert reach.decided
         assert not reach.clear
         assert not reachability.judge(wide, alone).winnable
     assert [reach.winnable for reach in found] == [True, False]
-    (easy,) = Grid((10.0,), (10.0,), (5,), (15.62,), (6.61,)).points()
+    (easy,) = Grid((10.0,), (10.0,), (5,), (15.62,), (6.61,)).places()
     reach = next(sweep.reach(TEST, 0.1, [easy]))
     assert reach.clear
     escape = tuple(map(int, reach.escape))
-    assert reachability.replay(COURSE, sweep.start_of(TrapSettings(), easy), [escape])[0]
+    assert reachability.replay(COURSE, Start.of(TrapSettings(), **easy.start_numbers), [escape])[0]
 
 
 def test_a_known_escape_is_enough(paper):
