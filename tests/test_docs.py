@@ -95,6 +95,16 @@ def report(*sources):
     [
         ([MADE | NOW], "Commit aaaaaaa, 2026-11-28."),
         (
+            [MADE | BEFORE],
+            "**Stale**: made before training changed (commit bbbbbbb with changes, 2026-11-28); "
+            "make it anew with `lanewise bench`.",
+        ),
+        (
+            [{"date": "2026-11-22"}],
+            "**Stale**: made before results named their training (no commit recorded, "
+            "2026-11-22); results/README.md says how to make it anew.",
+        ),
+        (
             [report(NOW, BEFORE)],
             "**Stale**: made before training changed (commit aaaaaaa, commit bbbbbbb with "
             "changes, 2026-11-28); make it anew with `lanewise bench`.",

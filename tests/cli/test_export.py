@@ -1,10 +1,28 @@
 """``lanewise export``: what it writes, checks and refuses."""
 
+import json
+import sys
+
+import pytest
+
 from lanewise.cli.main import main
+from lanewise.evaluation import evaluator
 from lanewise.export import check, numpy_policy
 from lanewise.export.check import Agreement
 
 FLAT = "pretrained/single-level"
+
+
+@pytest.mark.slow
+def test_the_written_file_is_compared_with_the_controller(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(evaluator, "BLOCK", 4)
+    for ending in ("npz", "onnx"):
+        out = tmp_path / f"policy.{ending}"
+        words = ["--check", "150", "--json", "--scenario.lanes", "4", "--evaluation.duration", "9"]
+        assert main(["export", FLAT, "--out", str(out), *words]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert (found["controller"], found["out"]) == ("single-level", str(out))
+        assert found["check"]["same"] == found["check"]["states"] >= 150
 
 
 def test_a_difference_is_an_exit_code(tmp_path, capsys, monkeypatch):
@@ -57,3 +75,13 @@ def test_refusals(tmp_path, refused):
         assert hint in refused("export", *words)
     assert list(tmp_path.iterdir()) == [mine]
     assert mine.read_text() == "mine"
+
+
+def test_a_missing_package(tmp_path, refused, monkeypatch):
+    for name in ("onnx_model", "recording"):
+        monkeypatch.delitem(sys.modules, f"lanewise.export.{name}", raising=False)
+        monkeypatch.delattr(f"lanewise.export.{name}", raising=False)
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    said = refused("export", FLAT, "--out", tmp_path / "a.onnx")
+    assert 'pip install ".[onnx]" in your clone' in said
+    assert not list(tmp_path.iterdir())

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy import stats
 
 from lanewise.evaluation.aggregates import (
@@ -16,6 +18,8 @@ from lanewise.evaluation.aggregates import (
 
 REFERENCE = json.loads(Path(__file__).with_name("rliable_reference.json").read_text())
 """Made by `rliable_reference.py`, which says how to make it anew."""
+
+SCORES = st.lists(st.integers(-50, 50).map(float), min_size=1, max_size=12)
 
 STATISTICS = {1: interquartile_mean, 2: probability_of_improvement}
 """By number of arms."""
@@ -49,6 +53,15 @@ def test_statistics_and_intervals_are_rliables(case):
 )
 def test_statistics_by_hand(arms, expected):
     assert value_of(*arms) == pytest.approx(expected)
+
+
+@settings(deadline=None, max_examples=50)
+@given(SCORES, SCORES)
+def test_probability_of_improvement_is_mann_whitneys(scores, others):
+    found = value_of(scores, others)
+    statistic = stats.mannwhitneyu(scores, others, method="asymptotic").statistic
+    assert found == pytest.approx(statistic / (len(scores) * len(others)))
+    assert found + value_of(others, scores) == pytest.approx(1.0)
 
 
 def test_the_same_seed_gives_the_same_interval():

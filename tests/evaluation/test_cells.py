@@ -39,6 +39,32 @@ def made_up(count=2000, seed=0):
     )
 
 
+def test_counts_at_a_horizon_are_those_of_a_plain_loop():
+    episodes = made_up()
+    # Times that occur: what happens exactly then has happened by then.
+    limits = (25.0, 60.0, 119.5)
+    assert {25.0, 60.0} <= set(episodes.duration)
+    assert 25.0 in episodes.escape_time
+    found = outcome(episodes, limits)
+    for place, limit in enumerate(limits):
+        escapes, successes, first = 0, 0, -1
+        kinds = dict.fromkeys(range(1, len(KINDS) + 1), 0)
+        for number in range(len(episodes)):
+            escaped = crashed = False
+            for decision in range(1, round(2 * limit) + 1):
+                escaped = escaped or episodes.escape_time[number] == decision / 2
+                over = episodes.duration[number] == decision / 2
+                crashed = crashed or (over and episodes.accident[number] > 0)
+            escapes, successes = escapes + escaped, successes + (escaped and not crashed)
+            if crashed:
+                kinds[int(episodes.accident_kind[number])] += 1
+                first = number if first < 0 else first
+        assert found.escapes[place] == escapes
+        assert found.successes[place] == successes
+        assert found.kinds[place] == list(kinds.values())
+        assert found.first_accident[place] == first
+
+
 def test_at_the_end_the_counts_are_those_of_a_test_as_long():
     episodes = made_up()
     at = outcome(episodes, [120.0]).at(0)

@@ -17,6 +17,7 @@ from lanewise.evaluation.grid import Grid
 from lanewise.learning import network
 from lanewise.training import recipe
 
+pytestmark = pytest.mark.usefixtures("small_blocks")
 FEW = {"scenario.traffic.vehicles_ahead": 2}
 SETTINGS = config.compose(flags=FEW)
 TEST = recipe.evaluation_config(SETTINGS, "single-level")
@@ -24,18 +25,6 @@ WEIGHTS = {"single_level": network.init(jax.random.key(36), 26, (8,), 9)}
 COUNT = 6
 """More than a block."""
 RTOL = {"accumulated_reward": 1e-4, "average_speed": 1e-4, "travel_distance": 1e-4}
-
-
-@pytest.fixture(autouse=True, scope="module")
-def small_blocks():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(evaluator, "BLOCK", 4)
-        yield
-
-
-@pytest.fixture(scope="module")
-def ours():
-    return evaluator.evaluate(TEST, WEIGHTS, 0, COUNT)
 
 
 def constant(action):

@@ -10,34 +10,26 @@ import pytest
 from test_evaluator import COUNT, FEW, SETTINGS, TEST, WEIGHTS, alike
 
 import lanewise
-from lanewise import config
+from lanewise import api, config
 from lanewise.controllers.references import RuleBased
 from lanewise.driving import observation
 from lanewise.driving.settings import DrivingSettings
 from lanewise.errors import LanewiseError, NumbersError
 from lanewise.evaluation import evaluator, metrics, stepwise
 from lanewise.evaluation.evaluator import EvaluationConfig
+from lanewise.evaluation.stepwise import Lanewise
 from lanewise.interop import highway_env
 from lanewise.interop.highway_env_evaluation import HighwayEnv
+from lanewise.learning import network
 from lanewise.runs.trained import Trained
 from lanewise.scenario.settings import TrapSettings
 from lanewise.world import build, road
 from lanewise.world.state import CONSTANT, EXTERNAL, RULE_BASED, World
 
+pytestmark = pytest.mark.usefixtures("small_blocks")
 ESCAPE = "11115555444444333377777777777777774444444444444444"
 """Low-level actions from the test's start: fall back, cross to the right lane, speed up."""
-
-
-@pytest.fixture(autouse=True, scope="module")
-def small_blocks():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(evaluator, "BLOCK", 4)
-        yield
-
-
-@pytest.fixture(scope="module")
-def ours():
-    return evaluator.evaluate(TEST, WEIGHTS, 0, COUNT)
+LEVELS = WEIGHTS | {"high_level": network.init(jax.random.key(5), 26, (8,), 9)}
 
 
 def evaluate(policy, **given):
@@ -55,9 +47,9 @@ class Agent:
         return self.choose(observation), (0 if state is None else state + 1)
 
 
-def greedy():
-    """The action with the highest Q-value of a Lanewise network, in NumPy."""
-    *hidden, (last, bias) = jax.device_get(WEIGHTS["single_level"])
+def greedy(level="single_level"):
+    """The choice with the highest Q-value of a Lanewise network, in NumPy."""
+    *hidden, (last, bias) = jax.device_get(LEVELS[level])
 
     def choose(seen):
         for weights, biases in hidden:
@@ -236,6 +228,15 @@ def test_a_recording_counts_the_goals_as_the_goal_critic_does():
     assert recording.goals_ended.tolist() == ended
     assert recording.goals_timed_out.tolist() == timed_out
     assert 0 < timed_out[-1] < ended[-1]
+
+
+@pytest.mark.slow
+def test_goals():
+    given, _ = api._course("goal", FEW)
+    expected = stepwise.evaluate(given, stepwise.greedy(LEVELS), Lanewise(), 0, COUNT)
+    found = evaluate(greedy("high_level"), actions="goal", episodes=COUNT)
+    alike(found.episodes, expected)
+    assert found.episodes.goals.sum() > 0
 
 
 @pytest.mark.slow

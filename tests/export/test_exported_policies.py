@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import onnx
 import pytest
+from onnx.reference import ReferenceEvaluator
 
 from lanewise import config
 from lanewise.controllers import controller as controllers
@@ -181,6 +182,14 @@ def test_an_onnx_model_has_the_inputs_and_outputs_of_its_kind(files):
     graph = onnx.load(files / "single-level.onnx").graph
     assert [each.name for each in graph.input] == ["features"]
     assert [each.name for each in graph.output] == ["action", "single_level_values"]
+
+
+def test_another_runtime_computes_the_same(files):
+    policy, seen = load(files / "planned.npz"), decisions("planned")
+    ego = {name: part[0] for name, part in seen.ego._asdict().items()}
+    reference = ReferenceEvaluator(str(files / "planned.onnx"))
+    inputs = {"features": seen.features[0]} | ego | policy.start(BATCH)
+    assert np.array_equal(reference.run(None, inputs)[0], seen.action[0])
 
 
 def test_files_are_the_same_bytes_each_time(files, tmp_path):

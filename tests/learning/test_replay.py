@@ -1,5 +1,7 @@
 """The ring buffer against a plain Python list."""
 
+from functools import partial
+
 import jax
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lanewise.learning import replay
-from lanewise.learning.replay import Transition
+from lanewise.learning.replay import Replay, Transition
 
 INPUTS = 2
 add = jax.jit(replay.add)
@@ -85,3 +87,19 @@ def test_sample_is_uniform_over_a_wrapped_buffer_and_differs_by_key():
     np.testing.assert_array_equal(values, np.arange(9, 17))
     # 1,000 expected each, standard deviation 30: six of them.
     assert np.abs(counts - 1000).max() < 180
+
+
+@partial(jax.jit, donate_argnums=0)
+def _write_and_read(memory: Replay, keys: jax.Array) -> tuple[Replay, jax.Array]:
+    def step(memory, key):
+        drawn = replay.sample(memory, key, 8)
+        memory = replay.add(memory, drawn, drawn.reward > 0.0)
+        return memory, replay.sample(memory, key, 8).reward.sum()
+
+    return jax.lax.scan(step, memory, keys)
+
+
+def test_a_compiled_loop_holds_no_second_copy_of_the_buffer():
+    memory = replay.empty(100_000, INPUTS)
+    compiled = _write_and_read.lower(memory, jax.random.split(jax.random.key(0), 5)).compile()
+    assert compiled.memory_analysis().temp_size_in_bytes < memory.rows.nbytes / 10

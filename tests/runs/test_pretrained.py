@@ -9,7 +9,7 @@ import pytest
 from lanewise.errors import RunError
 from lanewise.evaluation import evaluator
 from lanewise.runs import pretrained, trained
-from lanewise.training import recipe
+from lanewise.training import recipe, selection
 
 NAMES = ("driver", "hierarchical", "single-level")
 
@@ -43,6 +43,21 @@ def test_they_drive_as_they_did_when_they_were_made(name):
     assert np.mean(found.accumulated_reward) == pytest.approx(
         stored["accumulated_reward"], rel=0.02
     )
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_they_were_chosen_on_validation_starts(name):
+    def score(seed):
+        figures = ("success_rate", "accident_rate", "reward")
+        return selection.weighed(*(candidates[seed][f"validation_{each}"] for each in figures))
+
+    story = provenance(name)
+    candidates = story["candidates"]
+    assert len(candidates) >= 3
+    place = {"best": -1, "median": (len(candidates) - 1) // 2}[story.get("chosen", "best")]
+    chosen = sorted(candidates, key=score)[place]
+    assert chosen == f"seed-{story['seed']}"
+    assert candidates[chosen] == list(story["validation"].values())[-1]
 
 
 def test_references_are_called_by_name():

@@ -143,7 +143,7 @@ def test_an_ego_of_a_linear_class_drives_by_its_rules(count, names):
 
 
 def hurried(settings, key, split):
-    """A start of one's own: the ego drives faster than the trap."""
+    """The paper's start, with an ego that is faster than the trap."""
     world = trap.sample(settings, key, split)
     speed = world.vehicles.speed.at[0].set(11.0)
     return replace(world, vehicles=replace(world.vehicles, speed=speed))

@@ -214,17 +214,23 @@ def findings_in(name, at, value):
     return finite_checks.findings(jax.device_get(metrics.finite))
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf], ids=str)
+def test_what_is_seen_and_paid_is_found_with_its_world(value):
+    for what, name, at in (
+        ("observation", "percept/features", (2, 5)),
+        ("reward", "episode/stats/reward", 2),
+    ):
+        first = findings_in(f"rollouts/{name}", at, value)[0]
+        assert first == Finding(what, iteration=0, world=2)
+
+
 @pytest.mark.parametrize(
-    ("name", "at", "value", "found"),
-    [
-        ("rollouts/percept/features", (2, 5), np.nan, Finding("observation", "", 0, 2)),
-        ("rollouts/episode/stats/reward", 2, np.inf, Finding("reward", "", 0, 2)),
-        (f"learners/{LEVEL}/online/0/0", (3, 1), np.nan, Finding("weights", LEVEL)),
-        (f"learners/{LEVEL}/target/1/1", 2, -np.inf, Finding("weights", LEVEL)),
-    ],
+    ("name", "at", "value"), [("online/0/0", (3, 1), np.nan), ("target/1/1", 2, -np.inf)]
 )
-def test_what_is_not_finite_is_found(name, at, value, found):
-    assert found in findings_in(name, at, value)
+def test_weights_and_what_they_spoil_are_found(name, at, value):
+    found = {(one.what, one.level) for one in findings_in(f"learners/{LEVEL}/{name}", at, value)}
+    assert ("weights", LEVEL) in found
+    assert {what for what, _ in found} <= {"loss", "weights"}
 
 
 def test_a_bad_transition_reaches_the_loss():
@@ -258,19 +264,28 @@ def test_of_the_replay_every_row_of_the_chunk_is_looked_at_and_no_older_one(posi
 
 
 def test_causes_come_first():
+    def table(*bad):
+        values = np.ones((4, 2), bool)
+        for at in bad:
+            values[at] = False
+        return values
+
     found = ChunkFinite(
-        observation=np.array([[1, 1], [1, 1], [1, 0], [1, 1]], bool),
-        reward=np.array([[1, 1], [0, 1], [1, 1], [1, 1]], bool),
+        observation=table((2, 1), (3, 0)),
+        reward=table((1, 0), (2, 1)),
         vehicles=np.array([True, False]),
-        transitions={"q": np.True_},
-        loss={"q": np.array([1, 1, 1, 0], bool)},
-        weights={"q": np.True_},
+        transitions={"high": np.True_, "low": np.False_},
+        loss={"high": np.array([1, 1, 1, 0], bool), "low": np.array([1, 0, 0, 0], bool)},
+        weights={"high": np.False_, "low": np.True_},
     )
     assert finite_checks.findings(found) == [
         Finding("reward", iteration=1, world=0),
         Finding("observation", iteration=2, world=1),
         Finding("vehicles", world=1),
-        Finding("loss", "q", iteration=3),
+        Finding("transitions", "low"),
+        Finding("loss", "low", iteration=1),
+        Finding("loss", "high", iteration=3),
+        Finding("weights", "high"),
     ]
 
 

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from highway_env.envs import HighwayEnv
 
 from lanewise.interop.highway_env import build_env, command_table, read_world
 from lanewise.world import idm, mobil, motion, tick
@@ -228,6 +229,22 @@ def test_unlimited_approach(settings, turns):
     ours, theirs = both(world, 30)
     assert_equal(ours, theirs)
     assert (ours.heading[1] < -np.pi / 2) == turns
+
+
+def test_same_random_gains():
+    """Randomised, Aggressive and Defensive vehicles are LinearVehicles with another MOBIL gain."""
+    worlds = []
+    for kind in ("Linear", "Aggressive", "Defensive"):
+        others = f"highway_env.vehicle.behavior.{kind}Vehicle"
+        action = {"type": "DiscreteAction"}
+        env = HighwayEnv(config={"action": action, "other_vehicles_type": others})
+        env.reset(seed=0)
+        worlds.append(read_world(env))
+    calm, *two = worlds
+    jax.tree.map(np.testing.assert_array_equal, *two)
+    least = change(calm, "drivers", minimum_gain=two[0].drivers.minimum_gain)
+    jax.tree.map(np.testing.assert_array_equal, least, two[0])
+    assert len(set(calm.drivers.linear.gap_gain[1:])) == 50
 
 
 @pytest.mark.parametrize(("y", "heading", "again"), [(0.3, 0.0, True), (1.9, 0.1, False)])

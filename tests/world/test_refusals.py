@@ -1,6 +1,7 @@
 """What our world does not represent is refused by name, when highway-env is read or built."""
 
 import re
+from contextlib import nullcontext
 from functools import partial
 
 import gymnasium as gym
@@ -317,3 +318,20 @@ def test_worlds_that_cannot_be_built_or_tested():
     for kinds in ((EXTERNAL, EXTERNAL), (RULE_BASED, EXTERNAL)):
         with pytest.raises(SettingsError, match="only vehicle 0"):
             highway_env_evaluation.live(DrivingSettings(), of(*kinds), 50)
+
+
+@pytest.mark.parametrize(
+    ("driving", "training", "name"),
+    [
+        ({"latency": 0.2}, False, "latency"),
+        ({"latency": 0.2}, True, "latency"),
+        ({"training_latency": (0.0, 0.2)}, True, "training_latency"),
+        ({"latency": 0.2, "training_latency": (0.0, 0.0)}, True, None),
+        ({"training_latency": (0.0, 0.2)}, False, None),
+    ],
+)
+def test_highway_env_knows_no_latency(driving, training, name):
+    world = make_world([0, 50], [0, 0], kinds=(EXTERNAL, RULE_BASED))
+    wanted = pytest.raises(SettingsError, match=rf"^driving\.{name}: ") if name else nullcontext()
+    with wanted:
+        highway_env_evaluation.live(DrivingSettings(**driving), world, 50, training)

@@ -47,7 +47,8 @@ class TrapHighwayEnv(single.TrapEnv):
     def _begin(self, seed: int, index: int) -> Any:
         ours, _ = single.reset(self.config, jnp.uint32(seed), jnp.int32(index))
         world = jax.device_get(ours.episode.world)
-        fresh = highway.live(self.config.driving, world, self.config.duration)
+        training = self.config.split != "test"
+        fresh = highway.live(self.config.driving, world, self.config.duration, training)
         self._state, row = _begun(self.config, highway.read(fresh))
         self._let_go()
         self.highway_env = fresh

@@ -37,7 +37,7 @@ class HighwayEnv:
     def begin(self, config: EvaluationConfig, seed: int, first: int) -> Drive:
         """Episode ``first`` of a seed at its start, which is the one of our world; [1]."""
         world = jax.device_get(evaluator.start(config, seed, first))
-        self._env = live(config.driving, world, config.duration)
+        self._env = live(config.driving, world, config.duration, config.split != "test")
         self._observed = self._env.observation_type.observe()
         found: Drive = _begin(config, read(self._env))
         return found
@@ -60,15 +60,18 @@ class HighwayEnv:
         return found
 
 
-def live(driving: DrivingSettings, world: World, duration: int) -> Any:
+def live(driving: DrivingSettings, world: World, duration: int, training: bool = False) -> Any:
     """highway-env at the start of an episode of so many decisions.
+
+    In ``training`` the latency is as set for it.
 
     Raises:
         SettingsError: decisions have a latency, speeds swing, or others than vehicle 0 are driven
             from outside too.
     """
-    if driving.latency:
-        raise SettingsError("driving.latency: in highway-env decisions take effect at once")
+    if any(driving.latency_ticks(training)):
+        name = "training_latency" if training and driving.training_latency else "latency"
+        raise SettingsError(f"driving.{name}: in highway-env decisions take effect at once")
     env = highway_env.build_env(
         world,
         simulation_frequency=driving.simulation_frequency,
