@@ -69,7 +69,7 @@ def measure(decisions, seed, chosen=range(9)):
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / f"policy{ending}"
                 formats.save(policy, path)
-                step = formats.step(path)
+                step = formats.read(path).step
                 found = check.agreement(controller, step, decisions, seed, renewal)
             rows.append({"controller": what, "format": ending} | found.to_json())
             print(f"{what}, {ending}: {found}", flush=True)

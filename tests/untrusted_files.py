@@ -18,6 +18,7 @@ from lanewise.config.settings import Settings
 from lanewise.evaluation.cells import KINDS, CellOutcome, Reach
 from lanewise.experiments import experiment, jobs, stored_tests
 from lanewise.export import contents, formats
+from lanewise.export.policy_file import PolicyFile
 from lanewise.runs import pytree_io, run_state, trained
 from lanewise.runs.run_folder import RunFolder
 from lanewise.system.folder_io import OpenFolder
@@ -68,7 +69,7 @@ def tested(folder):
 
 
 def _policy(folder):
-    found = formats.load(folder / "policy.npz")
+    found = PolicyFile.open(folder / "policy.npz").policy
     return found.about, found.arrays
 
 

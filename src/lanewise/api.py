@@ -23,10 +23,11 @@ from lanewise.evaluation.metrics import Summary
 from lanewise.evaluation.settings import WORLDS, EvaluationSettings
 from lanewise.evaluation.stepwise import Lanewise, Simulator
 from lanewise.experiments import evaluate_trained, published
+from lanewise.export import exported
 from lanewise.fields.ranges import EPISODES, SEEDS, FieldType
 from lanewise.fields.suggestions import look_up
 from lanewise.report import evaluation_table, output_files
-from lanewise.runs import metric_sinks, trained, training_loop
+from lanewise.runs import metric_sinks, training_loop
 from lanewise.runs.run_folder import RunFolder, open_high_level
 from lanewise.runs.trained import Trained
 from lanewise.system import process
@@ -221,7 +222,8 @@ def evaluate(
     Args:
         policy: a function from observations (float32 [26], or a batch [B, 26]) to actions, without
             memory; an object with ``predict`` as Stable-Baselines3's agents, which may have one;
-            or a run folder, a checkpoint in one, ``pretrained/NAME``, ``reference/NAME``.
+            or a run folder, a checkpoint in one, a file of ``lanewise export``,
+            ``pretrained/NAME``, ``reference/NAME``.
         name: in the table; ``policy`` by default. Trained controllers have their own.
         actions: what your policy chooses: ``low-level`` actions (the default), ``goal`` (used
             where the goal critic asks for a new one) or ``continuous`` acceleration and steering.
@@ -290,7 +292,7 @@ def _ours(
     else:
         path = PATH.check("policy", policy)
         with _file_errors("read", path):
-            controller = trained.load(path, task)
+            controller = exported.load(path, task)
     with Progress(quiet=quiet) as reporter:
         controller = evaluate_trained.with_changes(controller, changes, reporter.note)
         config = evaluate_trained.evaluation_config(controller)

@@ -111,7 +111,7 @@ def files(tmp_path_factory):
 @pytest.mark.parametrize("ending", ["npz", "onnx"])
 @pytest.mark.parametrize("case", CASES)
 def test_decides_as_the_controller(files, case, ending):
-    found = check.compare(formats.step(files / f"{case}.{ending}"), decisions(case))
+    found = check.compare(formats.read(files / f"{case}.{ending}").step, decisions(case))
     assert found.states == found.same == STEPS * BATCH
     assert found.largest_difference < 1e-5
     assert len(found.actions) > 3

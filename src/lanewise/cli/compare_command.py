@@ -14,8 +14,10 @@ from lanewise.config.settings import Settings, of_test
 from lanewise.errors import RunError, shell_line
 from lanewise.evaluation.settings import WORLDS
 from lanewise.experiments.published import belongs_to_test
+from lanewise.export import policy_file
+from lanewise.export.policy_file import PolicyFile
 from lanewise.fields.ranges import EPISODES, SEEDS, OneOf, show
-from lanewise.runs import pretrained, run_folder
+from lanewise.runs import run_folder
 from lanewise.runs.run_folder import RunFolder
 from lanewise.system.progress import Progress, tell
 
@@ -33,8 +35,8 @@ class Compare:
     """
 
     runs: tuple[Path, ...] = field(metadata={"positional": True})
-    """Run folders, finished or not, checkpoints in them, or pretrained/NAME; at least two, and
-    differences are to the first."""
+    """Run folders, finished or not, checkpoints in them, files of `lanewise export`, or
+    pretrained/NAME; at least two, and differences are to the first."""
     world: Annotated[str, OneOf(WORLDS)] = "lanewise"
     """World to drive in: ours, or the real highway-env from the same starts."""
     episodes: Annotated[int, EPISODES] = 300
@@ -56,7 +58,7 @@ class Compare:
 def run(parsed: Parsed[Compare]) -> int:
     """Compares; returns the exit code."""
     command = parsed.command
-    folders = [RunFolder.open(pretrained.locate(path)) for path in command.runs]
+    folders = [policy_file.open_controller(path) for path in command.runs]
     settings = _settings(folders, command.scenario_of, command.test)
     from lanewise.report import output_files
 
@@ -65,16 +67,16 @@ def run(parsed: Parsed[Compare]) -> int:
 
     entries = [
         comparison.Entry(
-            str(path), folder.controller, folder.seed, (folder.digest, run_folder.split(path)[1])
+            str(path), folder.controller, folder.seed, (folder.digest, _weights(path, folder))
         )
         for path, folder in zip(command.runs, folders, strict=True)
     ]
     comparison.arm_members(entries)
     from lanewise.experiments import evaluate_trained
+    from lanewise.export import exported
     from lanewise.report import comparison_page as pages
-    from lanewise.runs import trained
 
-    controllers = [trained.load(path) for path in command.runs]
+    controllers = [exported.load(path) for path in command.runs]
     for number, (path, own) in enumerate(zip(command.runs, settings, strict=True)):
         loaded = controllers[number]
         if loaded.note:
@@ -100,6 +102,11 @@ def run(parsed: Parsed[Compare]) -> int:
     return 0
 
 
+def _weights(path: Path, controller: RunFolder | PolicyFile) -> Path | str | None:
+    """Which of a run's weights a path names: seeds of one arm name the same."""
+    return path.suffix if isinstance(controller, PolicyFile) else run_folder.split(path)[1]
+
+
 def _drive(controllers: "Sequence[Trained]", command: Compare) -> "list[Episodes]":
     """The test episodes of each."""
     from lanewise.experiments import evaluate_trained
@@ -114,7 +121,7 @@ def _drive(controllers: "Sequence[Trained]", command: Compare) -> "list[Episodes
 
 
 def _settings(
-    folders: Sequence[RunFolder], scenario_of: Path | None, changes: Changes
+    folders: Sequence[RunFolder | PolicyFile], scenario_of: Path | None, changes: Changes
 ) -> list[Settings]:
     """The settings each run is tested with: its own, in the scenario asked for.
 
@@ -123,7 +130,7 @@ def _settings(
     """
     settings = [folder.settings for folder in folders]
     if scenario_of is not None:
-        theirs = config.flatten(RunFolder.open(pretrained.locate(scenario_of)).settings)
+        theirs = config.flatten(policy_file.open_controller(scenario_of).settings)
         scenario = {name: v for name, v in theirs.items() if name.startswith("scenario.")}
         settings = [config.replace(each, scenario) for each in settings]
     settings = [config.replace(each, changes) for each in settings]

@@ -11,6 +11,7 @@ from lanewise.controllers.registry import CONTROLLERS
 from lanewise.controllers.settings import RENEWALS
 from lanewise.errors import RunError
 from lanewise.evaluation.settings import WORLDS
+from lanewise.export import policy_file
 from lanewise.fields.ranges import EPISODES, SEEDS, OneOf
 from lanewise.runs import pretrained
 from lanewise.system.progress import Progress
@@ -21,7 +22,8 @@ class Evaluate:
     """Test a trained controller: greedy episodes of 25 s from the test start."""
 
     run: Path = field(default=pretrained.DRIVER, metadata={"positional": True})
-    """Run folder, finished or not, or a checkpoint in it; or pretrained/NAME or reference/NAME."""
+    """Run folder, finished or not, or a checkpoint in it; a file of `lanewise export`; or
+    pretrained/NAME or reference/NAME."""
     world: Annotated[str, OneOf(WORLDS)] = "lanewise"
     """World to drive in: ours, or the real highway-env from the same starts."""
     episodes: Annotated[int, EPISODES] = 300
@@ -39,15 +41,17 @@ class Evaluate:
 
 
 def check_renewal(renewal: str | None, run: Path, controller: str) -> None:
-    """Refuses ``--renewal`` for a controller without goals."""
+    """Refuses ``--renewal`` for a controller without goals, and for one that was exported."""
     if renewal is not None and not CONTROLLERS[controller].has_goals:
         raise RunError(f"--renewal: {run} is {controller} and has no goals")
+    if renewal is not None and policy_file.is_policy_file(run):
+        raise RunError(f"--renewal: {run} renews goals as it was exported; export it anew with it")
 
 
 def run(parsed: Parsed[Evaluate]) -> int:
     """Tests; returns the exit code."""
     command = parsed.command
-    name = pretrained.controller_name(command.run)
+    name = policy_file.controller_name(command.run)
     check_renewal(command.renewal, command.run, name)
     from lanewise.report import output_files
 
@@ -55,12 +59,12 @@ def run(parsed: Parsed[Evaluate]) -> int:
         output_files.check_writable(command.episodes_out)
     from lanewise.evaluation import metrics
     from lanewise.experiments import evaluate_trained, published
+    from lanewise.export import exported
     from lanewise.report import evaluation_table
-    from lanewise.runs import trained
 
     with Progress() as reporter:
         controller = evaluate_trained.with_changes(
-            trained.load(command.run), command.test, reporter.note
+            exported.load(command.run), command.test, reporter.note
         )
         episodes = evaluate_trained.evaluate(
             controller, command.world, command.episodes, command.seed, reporter, command.renewal

@@ -84,7 +84,7 @@ def _compare(controller: "Trained", command: Export) -> "Agreement":
         reporter.stage(f"comparing {command.out.name}", command.check)
         return check.agreement(
             controller,
-            formats.step(command.out),
+            formats.read(command.out).step,
             command.check,
             command.seed,
             command.renewal,

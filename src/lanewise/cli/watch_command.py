@@ -7,6 +7,7 @@ from typing import Annotated
 from lanewise.cli.command_line import Changes, Parsed
 from lanewise.errors import SettingsError
 from lanewise.evaluation.settings import WORLDS
+from lanewise.export import policy_file
 from lanewise.fields.ranges import SEEDS, Between, OneOf
 from lanewise.runs import pretrained
 from lanewise.system import extras
@@ -20,7 +21,8 @@ class Watch:
     """Draw one test episode from above, with goal, speed and reward."""
 
     run: Path = field(default=pretrained.DRIVER, metadata={"positional": True})
-    """Run folder, finished or not, or a checkpoint in it; or pretrained/NAME or reference/NAME."""
+    """Run folder, finished or not, or a checkpoint in it; a file of `lanewise export`; or
+    pretrained/NAME or reference/NAME."""
     out: Path = field(metadata={"short": "-o"})
     """Clip to write, ending in .gif or .mp4."""
     seed: Annotated[int, SEEDS] = 0
@@ -38,16 +40,16 @@ def run(parsed: Parsed[Watch]) -> int:
     command = parsed.command
     if command.out.suffix.lower() not in FORMATS:
         raise SettingsError(f"--out must end in .gif or .mp4, got {command.out}")
-    pretrained.controller_name(command.run)
+    policy_file.controller_name(command.run)
     from lanewise.report import output_files
 
     extras.check()
     output_files.check_writable(command.out)
     from lanewise.experiments import evaluate_trained
+    from lanewise.export import exported
     from lanewise.report import clip
-    from lanewise.runs import trained
 
-    controller = evaluate_trained.with_changes(trained.load(command.run), command.test, tell)
+    controller = evaluate_trained.with_changes(exported.load(command.run), command.test, tell)
     tell("driving the episode")
     recording = evaluate_trained.record(controller, command.world, command.seed, command.episode)
     tell("drawing the clip")

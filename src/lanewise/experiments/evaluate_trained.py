@@ -10,7 +10,7 @@ from lanewise.errors import SettingsError
 from lanewise.evaluation import evaluator, stepwise
 from lanewise.evaluation.episodes import Episodes, Recording
 from lanewise.evaluation.evaluator import EvaluationConfig
-from lanewise.evaluation.stepwise import Lanewise, greedy
+from lanewise.evaluation.stepwise import Lanewise, Simulator, StepPolicy, greedy
 from lanewise.fields.ranges import show
 from lanewise.runs.trained import Trained
 from lanewise.system.progress import Progress
@@ -49,7 +49,7 @@ def trained_on(trained: Trained, here: Settings) -> str:
         trained: with the settings of its training, and the functions of its test.
         here: the settings of its test.
     """
-    if not trained.parameters:
+    if trained.feature_count is None:
         return ""
     found = {
         name: [show(value) for value in values]
@@ -71,14 +71,13 @@ def trained_on(trained: Trained, here: Settings) -> str:
 def _check_task(trained: Trained) -> None:
     """Refuse functions with which a controller cannot drive."""
     task, test = trained.task, evaluation_config(trained)
-    for level in test.controller.levels:
-        surplus = level.feature_count - len(trained.parameters[level.name][0][0])
-        if surplus:
-            seen = task.validate(test.scenario, test.driving)
-            raise SettingsError(
-                f"{task.called('observe')} returns {seen} numbers; the networks of {trained.name} "
-                f"observe {seen - surplus}"
-            )
+    observes = trained.feature_count
+    if observes is not None and observes != test.controller.levels[0].feature_count:
+        seen = task.validate(test.scenario, test.driving)
+        raise SettingsError(
+            f"{task.called('observe')} returns {seen} numbers; the networks of {trained.name} "
+            f"observe {observes}"
+        )
     by_rules = CONTROLLERS[trained.name].driven_by_traffic_rules
     if by_rules and evaluator.start(test, 0, 0).drivers.kind[0] != RULE_BASED:
         raise SettingsError(
@@ -102,12 +101,10 @@ def evaluate(
 ) -> Episodes:
     """Drive the test episodes in ``lanewise`` or ``highway-env``."""
     config, done = evaluation_config(trained, renewal), reporter.update
-    if world == "lanewise":
-        reporter.stage(trained.name, episodes)
+    reporter.stage(trained.name + (" in highway-env" if world != "lanewise" else ""), episodes)
+    if world == "lanewise" and trained.exported is None:
         return evaluator.evaluate(config, trained.parameters, seed, episodes, done)
-    simulator = interop.evaluation_in_highway_env().HighwayEnv()
-    reporter.stage(f"{trained.name} in highway-env", episodes)
-    return stepwise.evaluate(config, greedy(trained.parameters), simulator, seed, episodes, done)
+    return stepwise.evaluate(config, _policy(trained), _simulator(world), seed, episodes, done)
 
 
 def record(
@@ -117,9 +114,19 @@ def record(
     if seconds is not None:
         longer = replace(trained.settings.evaluation, duration=seconds)
         trained = replace(trained, settings=replace(trained.settings, evaluation=longer))
-    simulator = Lanewise(size=1)
-    if world == "highway-env":
-        simulator = interop.evaluation_in_highway_env().HighwayEnv()
     return stepwise.record(
-        evaluation_config(trained), greedy(trained.parameters), simulator, seed, episode
+        evaluation_config(trained), _policy(trained), _simulator(world, 1), seed, episode
     )
+
+
+def _policy(trained: Trained) -> StepPolicy:
+    """Who decides: the file that it comes from, or its networks."""
+    return trained.exported.choose if trained.exported else greedy(trained.parameters)
+
+
+def _simulator(world: str, *size: int) -> Simulator:
+    """Who moves the world on; ours so many episodes at a time, a block of them if not given."""
+    if world == "lanewise":
+        return Lanewise(*size)
+    simulator: Simulator = interop.evaluation_in_highway_env().HighwayEnv()
+    return simulator

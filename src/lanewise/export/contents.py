@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lanewise import config
 from lanewise.controllers import goal_critic, goals, planner
 from lanewise.controllers.hierarchical import Hierarchical, Planned
 from lanewise.controllers.single_level import SingleLevel
@@ -24,7 +25,9 @@ def policy(trained: Trained, digest: str, renewal: str | None = None) -> Policy:
     Raises:
         ValueError: it is a reference driver, which has no policy.
     """
-    driving = trained.settings.driving
+    driving, settings = trained.settings.driving, trained.settings
+    if renewal is not None:
+        settings = config.replace(settings, {"goals.test_renewal": renewal})
     about: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
@@ -32,6 +35,8 @@ def policy(trained: Trained, digest: str, renewal: str | None = None) -> Policy:
         "controller": trained.name,
         "seed": trained.seed,
         "settings_digest": digest,
+        "settings": config.dump_toml(settings),
+        "task": list(trained.trained_with),
         "decision_frequency": driving.decision_frequency,
         "actions": asdict(driving.actions),
         "observation": asdict(driving.observation),

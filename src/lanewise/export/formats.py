@@ -13,7 +13,7 @@ from lanewise.export.numpy_policy import Policy
 from lanewise.system.extras import install, needed_for
 
 if TYPE_CHECKING:
-    from lanewise.export.check import Step
+    from lanewise.export.onnx_session import Session
 
 NUMPY, ONNX = ".npz", ".onnx"
 
@@ -48,10 +48,17 @@ def save(policy: Policy, path: Path) -> None:
         np.savez(beside, about=about, **policy.arrays)
 
 
-def step(path: Path) -> "Step":
-    """The decision of a policy that was written, as `Policy.step`."""
-    found: Step = _onnx_models().Session(path).step if path.suffix == ONNX else load(path).step
-    return found
+def read(path: Path) -> "Policy | Session":
+    """The policy in a file, whichever its format.
+
+    Raises:
+        LanewiseError: it cannot be read, or is no policy of Lanewise.
+    """
+    if path.suffix == ONNX:
+        from lanewise.export.onnx_session import Session
+
+        return Session(path)
+    return load(path)
 
 
 def load(path: Path) -> Policy:

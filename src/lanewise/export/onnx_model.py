@@ -8,15 +8,14 @@ import numpy as np
 import onnx
 from onnx import ModelProto, ValueInfoProto, helper
 
-from lanewise.export.numpy_policy import START, Ego, Memory, Policy
+from lanewise.export.numpy_policy import START, Ego, Policy
+from lanewise.export.onnx_session import FEATURES, NEXT, VALUES
 from lanewise.export.recording import Graph, Value
 from lanewise.report import output_files
 
 OPSET, IR_VERSION = 18, 8
 """Of ONNX 1.13 (2022), which runtimes since then read."""
 BATCH = "batch"
-FEATURES, NEXT, VALUES = "features", "next_", "_values"
-"""Input; prefix of the outputs that the next decision takes as its memory; ending of Q-values."""
 MEANINGS = {
     FEATURES: "the features of Lanewise's observation",
     "y": "m across the road, positive to the right",
@@ -83,23 +82,3 @@ def _described(name: str, value: Value, shapes: dict[str, list[Any]]) -> ValueIn
     kind = helper.np_dtype_to_tensor_dtype(value.dtype)
     meaning = MEANINGS.get(name.removeprefix(NEXT), "Q-values of the level's choices")
     return helper.make_tensor_value_info(name, kind, shapes.get(name, [BATCH]), meaning)
-
-
-class Session:
-    """A written model under onnxruntime, with the `step` of a `Policy`."""
-
-    def __init__(self, path: Path) -> None:
-        import onnxruntime
-
-        self._session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
-        self._outputs = [output.name for output in self._session.get_outputs()]
-
-    def step(
-        self, features: Any, ego: Ego | None, memory: Memory
-    ) -> tuple[Any, Memory, dict[str, Any]]:
-        """As `Policy.step`."""
-        inputs = {FEATURES: features} | (ego._asdict() if ego else {}) | memory
-        found = dict(zip(self._outputs, self._session.run(None, inputs), strict=True))
-        levels = [name.removesuffix(VALUES) for name in found if name.endswith(VALUES)]
-        after = {name: found[NEXT + name] for name in memory}
-        return found["action"], after, {level: found[level + VALUES] for level in levels}

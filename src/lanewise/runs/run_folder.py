@@ -314,6 +314,8 @@ def _name_of(path: Path | OpenFolder) -> Path:
 
 
 def _read_manifest(file: Path) -> dict[str, Any]:
+    if file.parent.is_file():
+        raise RunError(f"{file.parent} is a file, not a run folder")
     if not file.is_file():
         raise RunError(f"no run in {file.parent}: looked for {file}")
     manifest = safe_io.read_document(file, FORMAT, VERSION, _LARGEST_MANIFEST)

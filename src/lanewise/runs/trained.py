@@ -8,11 +8,22 @@ from lanewise.controllers.controller import Parameters
 from lanewise.controllers.registry import CONTROLLERS
 from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions
 from lanewise.errors import CheckpointError, RunError, shell_line
+from lanewise.evaluation.stepwise import StepPolicy
 from lanewise.runs import checkpoint, pretrained, run_state
 from lanewise.runs.run_folder import CONTROLLER, STAGES, RunFolder, split
 from lanewise.training import selection
 from lanewise.training.plan import TrainingPlan
 from lanewise.training.selection import StageCounters, StageProgress
+
+
+@dataclass(frozen=True)
+class Exported:
+    """An exported policy (`lanewise.export.exported`)."""
+
+    feature_count: int
+    """Number of features it observes."""
+    choose: StepPolicy
+    """Its decisions."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +37,23 @@ class Trained:
     seed: int
     """Of the run it comes from."""
     parameters: Parameters
-    """Of all its levels."""
+    """Of all its levels; empty for a reference driver and an exported policy."""
     task: TaskFunctions = PAPER_TASK
     """How episodes start, and what is observed, rewarded and counted as success, when it drives."""
     trained_with: tuple[str, ...] = ()
     """Names of the user's own functions it was trained with (`TaskFunctions.names`)."""
     note: str = ""
     """One line on which weights these are; empty for those of a finished run."""
+    exported: Exported | None = None
+    """Who decides in place of its parameters, if it comes from a file of ``lanewise export``."""
+
+    @property
+    def feature_count(self) -> int | None:
+        """Number of features it observes; None for a reference driver."""
+        if self.exported:
+            return self.exported.feature_count
+        first = self.parameters.get("high_level") or self.parameters.get("single_level")
+        return len(first[0][0]) if first else None
 
 
 def load(path: Path, task: TaskFunctions = PAPER_TASK) -> Trained:
