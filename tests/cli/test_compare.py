@@ -126,7 +126,7 @@ def test_json_agrees_with_evaluate(runs, capsys):
 def test_tables_and_files(runs, capsys):
     printed = compare(capsys, "s0", "s1", "--markdown", "out/c.md", "--csv", "out/c.csv")
     assert "A  s0  single-level, seed 0\nB  s1  single-level, seed 1\n" in printed
-    assert "Settings that differ\nnone\n" in printed
+    assert "Settings of the runs that differ\nnone\n" in printed
     assert (runs / "out" / "c.md").read_text().startswith("# Comparison of runs\n")
     with (runs / "out" / "c.csv").open(newline="") as lines:
         assert {row["run"] for row in csv.DictReader(lines)} == {"s0", "s1"}

@@ -40,7 +40,7 @@ def test_the_check_drives_where_it_is_told_to(tmp_path, capsys, monkeypatch):
         out = tmp_path / f"{number}.npz"
         assert main(["export", FLAT, "-o", str(out), "--check", "5", *words]) == 0
     differs = (
-        "single-level was trained on scenario.lanes 3 (here 4), evaluation.duration 25 (here 5)"
+        "single-level was trained on scenario.lanes 3 (here 4) and validated for 25 s (here 5)"
     )
     assert differs in capsys.readouterr().err
     driven = [(given[0].settings, given[-1]) for given in told]

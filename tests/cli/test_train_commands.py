@@ -184,8 +184,8 @@ def test_a_sweep_in_another_scenario(whole, tmp_path, monkeypatch, capsys):
     words += ["--trap-speed", "10", "--front-distance", "15", "--side-distance", "5"]
     words += ["--scenario.lanes", "4", "--scenario.lane-width", "3.5", "--evaluation.duration", "9"]
     assert main(words) == 0
-    changes = "scenario.lanes 3 (here 4), scenario.lane_width 4.0 (here 3.5), evaluation.duration"
-    assert f"hierarchical was trained on {changes} 4 (here 9)\n" in capsys.readouterr().err
+    changes = "scenario.lanes 3 (here 4), scenario.lane_width 4.0 (here 3.5) and validated"
+    assert f"hierarchical was trained on {changes} for 4 s (here 9)\n" in capsys.readouterr().err
     ((scenario, duration, (point,)),) = driven
     assert (scenario.lane_width, duration, point.lanes) == (3.5, 18, 4)
     found = json.loads((tmp_path / "map" / "map.json").read_text())

@@ -69,7 +69,7 @@ def test_a_file_is_named_where_a_run_is(tmp_path, capsys):
     assert found.summary.controller == "single-level"
     assert found.record().lane_centre.tolist() == [0.0, 4.0, 8.0, 12.0]
     said = capsys.readouterr().err
-    assert "trained on scenario.lanes 3 (here 4), evaluation.duration 8 (here 2)" in said
+    assert "trained on scenario.lanes 3 (here 4) and validated for 8 s (here 2)" in said
     assert policy_file.controller_name(path) == "single-level"
     with pytest.raises(LanewiseError, match=r"returns 50 numbers; the networks .* observe 26"):
         lanewise.evaluate(
@@ -147,4 +147,4 @@ def test_what_needs_a_run_says_so(tmp_path, monkeypatch, refused, words):
     monkeypatch.chdir(tmp_path)
     save("single-level", tmp_path / "policy.npz")
     command, *rest = words
-    assert "policy.npz is a file, not a run folder" in refused(command, "policy.npz", *rest)
+    assert "policy.npz is a file; give a run folder" in refused(command, "policy.npz", *rest)

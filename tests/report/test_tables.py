@@ -188,7 +188,7 @@ def test_a_comparison_as_text_fits_a_terminal(page):
     assert 'scenario.lanes: 3 (A B), 4 (C D)\ngoals.reference: "a" (A B), "b" (C D)\n' in shown
     assert "[" not in shown
     other = ComparisonPage(page.comparison, {}, 5, scenario_of="runs/b0")
-    assert "Settings that differ\nnone\n" in comparison_page.text(other)
+    assert "Settings of the runs that differ\nnone\n" in comparison_page.text(other)
     assert "starts of seed 5, scenario of runs/b0." in comparison_page.text(other)
     assert comparison_page.to_json(other)["scenario_of"] == "runs/b0"
 

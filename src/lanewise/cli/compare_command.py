@@ -6,11 +6,12 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from lanewise import config
 from lanewise.cli.command_line import Changes, Parsed, flag_of
 from lanewise.config.settings import Settings, of_test
+from lanewise.controllers.registry import CONTROLLERS, STAGES
 from lanewise.errors import RunError, shell_line
 from lanewise.evaluation.settings import WORLDS
 from lanewise.experiments.published import belongs_to_test
@@ -88,7 +89,7 @@ def run(parsed: Parsed[Compare]) -> int:
     episodes = _drive(controllers, command)
     page = pages.ComparisonPage(
         comparison.compare(entries, episodes, command.world),
-        config.differences([folder.settings for folder in folders]),
+        _of_training(folders),
         command.seed,
         None if command.scenario_of is None else str(command.scenario_of),
         shell_line("lanewise", *sys.argv[1:]),
@@ -105,6 +106,15 @@ def run(parsed: Parsed[Compare]) -> int:
 def _weights(path: Path, controller: RunFolder | PolicyFile) -> Path | str | None:
     """Which of a run's weights a path names: seeds of one arm name the same."""
     return path.suffix if isinstance(controller, PolicyFile) else run_folder.split(path)[1]
+
+
+def _of_training(folders: Sequence[RunFolder | PolicyFile]) -> dict[str, tuple[Any, ...]]:
+    """The settings in which runs differ, but for those of stages that none of them has."""
+    theirs = {stage for each in folders for stage in CONTROLLERS[each.controller].stages}
+    used = {stage.section for stage in theirs}
+    others = tuple(f"{stage.section}." for stage in STAGES if stage.section not in used)
+    found = config.differences([folder.settings for folder in folders])
+    return {name: values for name, values in found.items() if not name.startswith(others)}
 
 
 def _drive(controllers: "Sequence[Trained]", command: Compare) -> "list[Episodes]":

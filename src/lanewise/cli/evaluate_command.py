@@ -9,7 +9,7 @@ from typing import Annotated
 from lanewise.cli.command_line import Changes, Parsed
 from lanewise.controllers.registry import CONTROLLERS
 from lanewise.controllers.settings import RENEWALS
-from lanewise.errors import RunError
+from lanewise.errors import RunError, one_line
 from lanewise.evaluation.settings import WORLDS
 from lanewise.export import policy_file
 from lanewise.fields.ranges import EPISODES, SEEDS, OneOf
@@ -76,7 +76,9 @@ def run(parsed: Parsed[Evaluate]) -> int:
         unlike_paper=published.unlike_test(controller.settings),
     )
     # Printed first: a file that cannot be written must not cost the figures.
-    table = evaluation_table.text([summary])
+    seed = f", seed {controller.seed}" if controller.feature_count else ""
+    head = one_line(f"{command.run}: {controller.name}{seed}")
+    table = f"{head}\n\n{evaluation_table.text([summary])}"
     sys.stdout.write(json.dumps(summary.to_json()) + "\n" if command.json else table)
     if command.episodes_out is not None:
         output_files.write_text(command.episodes_out, metrics.to_csv(episodes))

@@ -102,7 +102,7 @@ def run(parsed: Parsed[Reproduce]) -> int:
             command=shell_line("lanewise", *sys.argv[1:]),
             times=times | {"everything": time.monotonic() - began},
         )
-    sys.stdout.write(f"{text}\nreport: {one_line(path)}\n")
+    sys.stdout.write(f"{text}\nreport: {one_line(path.with_suffix('.html'))}, {one_line(path)}\n")
     return 0
 
 

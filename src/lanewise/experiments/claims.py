@@ -103,7 +103,10 @@ def _better(success: float, reward: float, other_success: float, other_reward: f
 
 
 def _percent(shares: Sequence[float]) -> str:
-    return f"{100 * np.mean(shares):.1f} % ({100 * min(shares):.1f} to {100 * max(shares):.1f})"
+    mean = f"{100 * np.mean(shares):.1f} %"
+    if len(shares) == 1:
+        return mean
+    return f"{mean} ({100 * min(shares):.1f} to {100 * max(shares):.1f})"
 
 
 def _both(ours: Sequence[float], flat: Sequence[float]) -> str:

@@ -43,7 +43,7 @@ def with_changes(
 
 
 def trained_on(trained: Trained, here: Settings) -> str:
-    """What a controller was trained on where its test differs; empty where it does not.
+    """What a controller was trained and validated on where its test differs; empty if nowhere.
 
     Args:
         trained: with the settings of its training, and the functions of its test.
@@ -64,8 +64,12 @@ def trained_on(trained: Trained, here: Settings) -> str:
         for part in {**there, **now}
         if there.get(part) != now.get(part)
     }
-    words = (f"{name} {own} (here {other})" for name, (own, other) in found.items())
-    return f"trained on {', '.join(words)}" if found else ""
+    lasts = found.pop("evaluation.duration", None)
+    words = ", ".join(f"{name} {own} (here {other})" for name, (own, other) in found.items())
+    parts = [f"trained on {words}"] if words else []
+    if lasts:
+        parts.append("validated for {} s (here {})".format(*lasts))
+    return " and ".join(parts)
 
 
 def _check_task(trained: Trained) -> None:
@@ -101,7 +105,8 @@ def evaluate(
 ) -> Episodes:
     """Drive the test episodes in ``lanewise`` or ``highway-env``."""
     config, done = evaluation_config(trained, renewal), reporter.update
-    reporter.stage(trained.name + (" in highway-env" if world != "lanewise" else ""), episodes)
+    where = " in highway-env" if world != "lanewise" else ""
+    reporter.stage(f"testing {trained.name}{where}", episodes)
     if world == "lanewise" and trained.exported is None:
         return evaluator.evaluate(config, trained.parameters, seed, episodes, done)
     return stepwise.evaluate(config, _policy(trained), _simulator(world), seed, episodes, done)

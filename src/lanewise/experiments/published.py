@@ -49,9 +49,9 @@ def _of_the_task(name: str) -> bool:
 
 
 def _difference(settings: Settings, counts: Callable[[str], bool], traps: Iterable[str]) -> str:
-    """The first setting that counts and is not as under any of the scenario presets."""
+    """The settings that count and are not as under any of the scenario presets."""
     found = []
     for trap in traps:
         differing = config.differences([settings, config.compose(trap=trap)]).items()
         found.append([f"{n} is {show(a)}, not {show(b)}" for n, (a, b) in differing if counts(n)])
-    return found[0][0] if all(found) else ""
+    return ", ".join(found[0]) if all(found) else ""

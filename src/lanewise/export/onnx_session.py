@@ -43,6 +43,8 @@ class Session:
                 self._try()
         except Exception as error:  # a damaged file can raise nearly anything
             reason = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
+            if "protobuf" in reason:
+                reason = "no ONNX model"
             raise LanewiseError(
                 f"{path} is no policy of Lanewise, or a damaged one: {brief(reason)}"
             ) from error

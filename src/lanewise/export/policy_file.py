@@ -70,7 +70,11 @@ def open_controller(path: Path) -> RunFolder | PolicyFile:
     """The exported policy or the run that a path names; see `pretrained.locate`."""
     if is_policy_file(path):
         return PolicyFile.open(path)
-    return RunFolder.open(pretrained.locate(path))
+    place = pretrained.locate(path)
+    if place.is_file():
+        endings = " or ".join((formats.NUMPY, formats.ONNX))
+        raise RunError(f"{path} is no run, no checkpoint of one, and no exported {endings}")
+    return RunFolder.open(place)
 
 
 def controller_name(path: Path) -> str:

@@ -72,7 +72,7 @@ def text(page: ComparisonPage) -> str:
             heads = [["", *(metric.title for metric in COMPARED[some])], ["", *units[some]]]
             blocks.append(tables.text(heads, [[label, *cells[some]] for label, *cells in below]))
         parts.append("\n".join(blocks))
-    parts.append("\n".join(["Settings that differ", *map(one_line, _settings(page))]))
+    parts.append("\n".join(["Settings of the runs that differ", *map(one_line, _settings(page))]))
     return "\n\n".join([*parts, "\n".join(_notes(page.comparison))]) + "\n"
 
 
@@ -89,7 +89,10 @@ def markdown(page: ComparisonPage) -> str:
         heads = ["", *(cell(", ".join(filter(None, head))) for head in titles)]
         shown = [list(map(cell, row)) for row in rows]
         parts += [f"## {cell(section)}", tables.markdown(heads, shown)]
-    parts += ["## Settings that differ", "\n".join(f"- {cell(line)}" for line in _settings(page))]
+    parts += [
+        "## Settings of the runs that differ",
+        "\n".join(f"- {cell(line)}" for line in _settings(page)),
+    ]
     packages = (f"{name} {number}" for name, number in versions().items())
     made = cell(", ".join([*packages, commits([source()])]))
     date = datetime.now(UTC).isoformat(timespec="seconds")

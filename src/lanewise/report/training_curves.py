@@ -58,7 +58,7 @@ def draw(arms: Arms, *, settled: Mapping[str, float] | None = None) -> Figure:
     panels[-1].set_xlabel(f"training episode (running mean over the last {WINDOW})")
     handles = style.keys(arms, looks, "seed", "band: lowest to highest seed")
     if marks:
-        handles.append(Line2D([], [], label=SETTLED, **_mark(Style("0.3", (0, ()), "o"))))
+        handles.append(Line2D([], [], label=SETTLED, **_mark("0.3")))
     style.legend(figure, handles)
     return figure
 
@@ -136,9 +136,9 @@ def _arm(axes: Axes, seeds: Sequence[Floats], own: Style, settled: float | None)
         height = float(np.interp(settled, episode, mean))
         # A seed's first episodes may lack a value; then there is no height to mark.
         if isfinite(height):
-            axes.plot(settled, height, **_mark(own), zorder=5)
+            axes.plot(settled, height, **_mark(own.colour), zorder=5)
 
 
-def _mark(own: Style) -> Look:
-    look: Look = {"marker": own.marker, "markersize": 6.5, "markerfacecolor": "white"}
-    return {**look, "markeredgecolor": own.colour, "markeredgewidth": 1.4, "linestyle": ""}
+def _mark(colour: str) -> Look:
+    look: Look = {"marker": "o", "markersize": 6.5, "markerfacecolor": "white"}
+    return {**look, "markeredgecolor": colour, "markeredgewidth": 1.4, "linestyle": ""}

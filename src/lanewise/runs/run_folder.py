@@ -315,9 +315,11 @@ def _name_of(path: Path | OpenFolder) -> Path:
 
 def _read_manifest(file: Path) -> dict[str, Any]:
     if file.parent.is_file():
-        raise RunError(f"{file.parent} is a file, not a run folder")
+        raise RunError(f"{file.parent} is a file; give a run folder, or a checkpoint in one")
     if not file.is_file():
-        raise RunError(f"no run in {file.parent}: looked for {file}")
+        below = sorted(path.parent for path in file.parent.glob("runs/*/*/run.json"))
+        hint = f"its runs are {', '.join(map(str, below[:3]))}{', …' * (len(below) > 3)}"
+        raise RunError(f"no run in {file.parent}: {hint if below else f'looked for {file}'}")
     manifest = safe_io.read_document(file, FORMAT, VERSION, _LARGEST_MANIFEST)
     if manifest["controller"] not in TRAINABLE:
         raise RunError(f'{file} trains an unknown controller, "{brief(manifest["controller"])}"')

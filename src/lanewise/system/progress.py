@@ -13,6 +13,9 @@ from rich.progress import Progress as Bar
 
 from lanewise.errors import one_line, printable
 
+SURE = 0.03
+"""Share of a stage before which no time is foretold: it may yet compile, for validations say."""
+
 
 class Progress:
     """Reports how far the stages of a training have come, where that can be written.
@@ -84,7 +87,8 @@ class Progress:
             return
         self._last_line = now
         share = min(1.0, done / self._total) if self._total > 0 else 1.0
-        parts = [f"{self._name}: {share:.0%}", self._time_left(done, now), figures]
+        left = self._time_left(done, now) if share >= SURE else ""
+        parts = [f"{self._name}: {share:.0%}", left, figures]
         self._line(", ".join(part for part in parts if part))
 
     def note(self, text: str) -> None:
