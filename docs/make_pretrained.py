@@ -5,9 +5,11 @@
     python docs/make_pretrained.py runs/driver driver --choose median
 
 Of a folder of runs it takes the one whose weights did best on fresh validation starts, or the
-median one. Copies the run's settings and weights, not its metrics, and writes `provenance.json`:
-the training seed, the figures of all runs on those starts, tests, versions, machine and date. A run
-folder without tests is tested here, as `lanewise evaluate` does, with its own settings.
+median one. With ``--add`` the candidates of the controller of that name count too: their figures
+are in its provenance, and their folders need no metrics. Copies the run's settings and weights, not
+its metrics, and writes `provenance.json`: the training seed, the figures of all runs on those
+starts, tests, versions, machine and date. A run folder without tests is tested here, as `lanewise
+evaluate` does, with its own settings.
 """
 
 import argparse
@@ -25,6 +27,7 @@ from lanewise.runs.trained import Trained
 from lanewise.system.progress import Progress
 
 KEPT = ("run.json", "settings.toml", "controller.json", "controller.safetensors")
+PROVENANCE = "provenance.json"
 EPISODES = 1000
 
 
@@ -34,15 +37,18 @@ def main() -> None:
     parser.add_argument("run", type=Path, metavar="RUN")
     parser.add_argument("name", metavar="NAME")
     parser.add_argument("--choose", choices=("best", "median"), default="best")
+    parser.add_argument("--add", action="store_true")
     asked = parser.parse_args()
-    source: Path = asked.run
+    source, target = asked.run, pretrained.PRETRAINED / asked.name
+    before = json.loads((target / PROVENANCE).read_text()) if asked.add else {}
     runs = [source] if (source / "run.json").exists() else sorted(source.glob("seed-*"))
-    found = {run: chosen_by(run) for run in runs}
-    last = {run.name: list(stages.values())[-1] for run, stages in found.items()}
+    found = {run.name: chosen_by(run) for run in runs if (run / "metrics.jsonl").exists()}
+    last = before.get("candidates", {}) | {
+        name: list(stages.values())[-1] for name, stages in found.items()
+    }
     ordered = sorted(runs, key=lambda run: last[run.name]["score"])
     run = ordered[-1] if asked.choose == "best" else ordered[(len(ordered) - 1) // 2]
     controller = trained.load(run)
-    target = pretrained.PRETRAINED / asked.name
     target.mkdir(parents=True, exist_ok=True)
     for file in KEPT:
         shutil.copyfile(run / file, target / file)
@@ -52,12 +58,12 @@ def main() -> None:
         "seed": controller.seed,
         "run": json.loads((run / "run.json").read_text()),
         "chosen": asked.choose,
-        "validation": found[run],
-        "candidates": last,
+        "validation": found.get(run.name) or {list(before["validation"])[-1]: last[run.name]},
+        "candidates": dict(sorted(last.items())),
         "tests": tests or {"lanewise": {"summary": tested(controller)}},
         **provenance.origin(),
     }
-    (target / "provenance.json").write_text(json.dumps(story, indent=1) + "\n")
+    (target / PROVENANCE).write_text(json.dumps(story, indent=1) + "\n")
     size = sum(path.stat().st_size for path in target.iterdir()) / 1e6
     sys.stdout.write(f"{run} to {target}: {size:.1f} MB\n")
 
