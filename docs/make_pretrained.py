@@ -48,7 +48,7 @@ def main() -> None:
     }
     ordered = sorted(runs, key=lambda run: last[run.name]["score"])
     run = ordered[-1] if asked.choose == "best" else ordered[(len(ordered) - 1) // 2]
-    controller = trained.load(run)
+    controller, origin = trained.load(run), provenance.origin()
     target.mkdir(parents=True, exist_ok=True)
     for file in KEPT:
         shutil.copyfile(run / file, target / file)
@@ -61,7 +61,7 @@ def main() -> None:
         "validation": found.get(run.name) or {list(before["validation"])[-1]: last[run.name]},
         "candidates": dict(sorted(last.items())),
         "tests": tests or {"lanewise": {"summary": tested(controller)}},
-        **provenance.origin(),
+        **origin,
     }
     (target / PROVENANCE).write_text(json.dumps(story, indent=1) + "\n")
     size = sum(path.stat().st_size for path in target.iterdir()) / 1e6
