@@ -5,6 +5,7 @@ import json
 import shutil
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import small_runs
 
 import lanewise
 from lanewise import config
+from lanewise.cli import compare_command
 from lanewise.cli.main import main
 from lanewise.errors import LanewiseError
 from lanewise.evaluation import evaluator
@@ -130,6 +132,25 @@ def test_tables_and_files(runs, capsys):
     assert (runs / "out" / "c.md").read_text().startswith("# Comparison of runs\n")
     with (runs / "out" / "c.csv").open(newline="") as lines:
         assert {row["run"] for row in csv.DictReader(lines)} == {"s0", "s1"}
+
+
+@pytest.mark.parametrize(
+    ("controllers", "listed"),
+    [
+        (("single-level", "single-level"), True),
+        (("single-level", "planned"), False),
+        (("planned", "hierarchical"), False),
+        (("planned", "single-level", "single-level"), False),
+    ],
+)
+def test_settings_of_a_stage_are_listed_where_two_runs_that_have_it_differ(controllers, listed):
+    plain = config.compose()
+    other = config.replace(plain, {"single_level.worlds": 8, "goals.time_limit": 5.0})
+    runs = [SimpleNamespace(settings=plain, controller=controllers[0])]
+    runs += [SimpleNamespace(settings=other, controller=each) for each in controllers[1:]]
+    found = compare_command._of_training(runs)
+    assert ("single_level.worlds" in found) == listed
+    assert found["goals.time_limit"] == (3.0, *[5.0] * (len(runs) - 1))
 
 
 @pytest.mark.parametrize("words", ["compare s0 s1 --csv", "evaluate s0 --episodes-out"])

@@ -109,12 +109,17 @@ def _weights(path: Path, controller: RunFolder | PolicyFile) -> Path | str | Non
 
 
 def _of_training(folders: Sequence[RunFolder | PolicyFile]) -> dict[str, tuple[Any, ...]]:
-    """The settings in which runs differ, but for those of stages that none of them has."""
-    theirs = {stage for each in folders for stage in CONTROLLERS[each.controller].stages}
-    used = {stage.section for stage in theirs}
-    others = tuple(f"{stage.section}." for stage in STAGES if stage.section not in used)
+    """The settings in which runs differ; those of a stage only if two runs that have it differ."""
+    sections = [{each.section for each in CONTROLLERS[of.controller].stages} for of in folders]
+    staged = {each.section for each in STAGES}
+
+    def counts(name: str, values: Sequence[Any]) -> bool:
+        section = name.partition(".")[0]
+        having = [v for v, own in zip(values, sections, strict=True) if section in own]
+        return section not in staged or any(value != having[0] for value in having)
+
     found = config.differences([folder.settings for folder in folders])
-    return {name: values for name, values in found.items() if not name.startswith(others)}
+    return {name: values for name, values in found.items() if counts(name, values)}
 
 
 def _drive(controllers: "Sequence[Trained]", command: Compare) -> "list[Episodes]":
