@@ -228,7 +228,7 @@ WITH_CODE = [
 
 
 @pytest.mark.parametrize("page", WITH_CODE)
-def test_code_runs(page, tmp_path, monkeypatch):
+def test_code_runs(page, unoptimised, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = page.read_text()
     names = {"__name__": page.stem}
@@ -239,7 +239,7 @@ def test_code_runs(page, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_notebook_runs(tmp_path, monkeypatch):
+def test_the_notebook_runs(unoptimised, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     cells = json.loads(NOTEBOOK.read_text())["cells"]
     names = {"__name__": NOTEBOOK.stem}
