@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,8 +14,8 @@ from lanewise.controllers.hierarchical import TwoLevelMemory
 from lanewise.driving.task_functions import PAPER_TASK, TaskFunctions
 from lanewise.evaluation.evaluator import Drive, EvaluationConfig
 from lanewise.evaluation.stepwise import Booleans, StepPolicy
-from lanewise.export.numpy_policy import START, Ego, Policy
-from lanewise.export.onnx_session import Session
+from lanewise.export.numpy_policy import Ego, Policy
+from lanewise.export.numpy_policy import Memory as Parts
 from lanewise.export.policy_file import PolicyFile, is_policy_file
 from lanewise.runs import trained
 from lanewise.runs.trained import Exported, Trained
@@ -27,7 +26,7 @@ def load(path: Path, task: TaskFunctions = PAPER_TASK) -> Trained:
     """The controller that a path leads to: a file of ``lanewise export``, or as `trained.load`.
 
     Raises:
-        LanewiseError: there is none, it has no weights yet, or a file is damaged.
+        LanewiseError: there is no such controller, it has no weights yet, or a file is damaged.
     """
     if not is_policy_file(path):
         return trained.load(path, task)
@@ -38,19 +37,18 @@ def load(path: Path, task: TaskFunctions = PAPER_TASK) -> Trained:
     )
 
 
-def step_policy(policy: Policy | Session) -> StepPolicy:
+def step_policy(policy: Policy) -> StepPolicy:
     """An exported policy in place of a controller's own networks, with a memory of its own."""
-    start, own = START[policy.about["memory"]], dict[str, Any]()
+    own: Parts = {}
 
     def choose(
         config: EvaluationConfig, drive: Drive, wanted: Booleans, first: bool
     ) -> tuple[Array, Memory]:
         seen = jax.device_get(drive.percept)
-        batch = len(seen.features)
         if first:
-            own.update({name: np.full(batch, part, part.dtype) for name, part in start.items()})
+            own.update(policy.start(len(seen.features)))
         centres = np.where(seen.road.present, seen.road.centre, np.float32(np.inf))
-        ego = Ego(seen.y, seen.heading, seen.speed, centres) if "begins" in start else None
+        ego = Ego(seen.y, seen.heading, seen.speed, centres) if policy.has_goals else None
         action, memory, _ = policy.step(seen.features, ego, dict(own))
         own.update(memory)
         return jnp.asarray(action, jnp.int32), _remembered(config, drive, memory)

@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,9 +10,6 @@ from lanewise.errors import LanewiseError
 from lanewise.export import numpy_policy
 from lanewise.export.numpy_policy import Policy
 from lanewise.system.extras import install, needed_for
-
-if TYPE_CHECKING:
-    from lanewise.export.onnx_session import Session
 
 NUMPY, ONNX = ".npz", ".onnx"
 
@@ -48,7 +44,7 @@ def save(policy: Policy, path: Path) -> None:
         np.savez(beside, about=about, **policy.arrays)
 
 
-def read(path: Path) -> "Policy | Session":
+def read(path: Path) -> Policy:
     """The policy in a file, whichever its format.
 
     Raises:

@@ -333,7 +333,7 @@ def load(path: str | os.PathLike[str]) -> Policy:
         known = (about["format"], about["version"]) == (FORMAT, VERSION)
         policy = Policy(about, arrays)
         if known:
-            _try(policy)
+            decide_once(policy)
     except Exception as error:  # a damaged file can raise nearly anything
         reason = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
         raise PolicyError(
@@ -348,8 +348,8 @@ def load(path: str | os.PathLike[str]) -> Policy:
     return policy
 
 
-def _try(policy: Policy) -> None:
-    """Decide once: raises an error unless all is there that a decision needs."""
+def decide_once(policy: Policy) -> None:
+    """Decide for a car of zeros: raises an error unless all is there that a decision needs."""
     zero = np.zeros(1, np.float32)
     ego = Ego(zero, zero, zero, zero[None]) if policy.has_goals else None
     policy.step(np.zeros((1, policy.feature_count), np.float32), ego, policy.start(1))

@@ -3,10 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from lanewise.errors import LanewiseError, brief
-from lanewise.export.numpy_policy import FORMAT, LARGEST, START, VERSION, Ego, Memory
+from lanewise.export import numpy_policy
+from lanewise.export.numpy_policy import FORMAT, LARGEST, VERSION, Ego, Memory, Policy
 from lanewise.system import safe_io
 from lanewise.system.extras import needed_for
 
@@ -16,8 +15,8 @@ QUIET = 4
 """Level of onnxruntime's log: what is fatal. Its errors are raised as well."""
 
 
-class Session:
-    """A policy in an ONNX model, with the `step` of a `numpy_policy.Policy`."""
+class Session(Policy):
+    """A policy whose decision an ONNX model computes; its arrays are in the model."""
 
     def __init__(self, path: Path) -> None:
         """Read a model.
@@ -36,11 +35,10 @@ class Session:
                 data, options, providers=["CPUExecutionProvider"]
             )
             told = self._session.get_modelmeta().custom_metadata_map["about"]
-            self.about: dict[str, Any] = safe_io.parse_json(told.encode())
-            self.feature_count = int(self._session.get_inputs()[0].shape[1])
+            super().__init__(safe_io.parse_json(told.encode()), {})
             self._outputs = [output.name for output in self._session.get_outputs()]
             if not (other := safe_io.format_mismatch(self.about, FORMAT, VERSION)):
-                self._try()
+                numpy_policy.decide_once(self)
         except Exception as error:  # a damaged file can raise nearly anything
             reason = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
             if "protobuf" in reason:
@@ -51,13 +49,10 @@ class Session:
         if other:
             raise LanewiseError(f"{path} {other}")
 
-    def _try(self) -> None:
-        """Decide once, as `numpy_policy.load` does."""
-        zero = np.zeros(1, np.float32)
-        memory = START[self.about["memory"]]
-        ego = Ego(zero, zero, zero, zero[None]) if "begins" in memory else None
-        start = {name: np.full(1, value, value.dtype) for name, value in memory.items()}
-        self.step(np.zeros((1, self.feature_count), np.float32), ego, start)
+    @property
+    def feature_count(self) -> int:
+        """Number of features that it observes."""
+        return int(self._session.get_inputs()[0].shape[1])
 
     def step(
         self, features: Any, ego: Ego | None, memory: Memory

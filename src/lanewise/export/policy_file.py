@@ -2,19 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from lanewise import config
 from lanewise.config.settings import Settings
 from lanewise.controllers.registry import TRAINABLE
 from lanewise.errors import RunError
 from lanewise.export import formats
+from lanewise.export.numpy_policy import Policy
 from lanewise.runs import pretrained
 from lanewise.runs.run_folder import RunFolder
-
-if TYPE_CHECKING:
-    from lanewise.export.numpy_policy import Policy
-    from lanewise.export.onnx_session import Session
 
 TOLD = {"controller": str, "seed": int, "settings": str, "settings_digest": str, "task": list}
 """What a file says of its controller's training."""
@@ -35,7 +31,7 @@ class PolicyFile:
     """Of its run's settings."""
     task: tuple[str, ...]
     """Names of the user's own functions it was trained with (`TaskFunctions.names`)."""
-    policy: "Policy | Session"
+    policy: Policy
     """Who decides."""
 
     @classmethod
